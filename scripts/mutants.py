@@ -1,6 +1,7 @@
-"""Mutation testing of the core: changes one expression at a time and checks that a test fails (`make mutants`).
+"""Mutation testing: changes one expression at a time and checks that a test fails (`make mutants`).
 
-1. The tests run once with coverage, which records for each line the tests that execute it, and their durations.
+1. The tests of each folder run once with coverage, which records for each line the tests that execute it, and their
+   durations. With `--nearest` these are only the folders in `tests` of the chosen packages.
 2. A random sample of mutants is drawn, with the operators of mutmut, a negated `if`, and no prose: a string is mutated
    only if it is one word (a key, a name, an enumeration's value), since tests do not repeat sentences.
 3. Each mutant runs the fastest tests of its line in a forked process, in a copy of `src`, until one fails.
@@ -9,8 +10,10 @@ A mutant is killed by a failed test, an error, or a time limit. The score is kil
 as survived. tests/mutants.toml lists survivors with the reason why no test is missing (mostly: the changed program
 behaves the same); they are reported apart from new ones.
 
-Results are in build/mutants: results.json, which is complete after each mutant, so that `--resume` continues a run that
-was interrupted, and survivors.txt with the changed line of each survivor.
+The sample follows from its seed (by default the hash of the commit), its size, and the packages; to repeat it later,
+give `--seed` the name or hash of that commit. Results are in build/mutants: results.json, which is complete after each
+mutant, so that `--resume` continues a run that was interrupted with the same sample; sample.json, which describes the
+sample; and survivors.txt with the changed line of each survivor.
 """
 
 from __future__ import annotations
@@ -55,15 +58,21 @@ PACKAGES = {
     "dialects and readers": ["knowledge/dialects", "knowledge/rdf_mapping", "knowledge/urdf", "knowledge/io"],
     "reasoner and questions": ["knowledge/*.py", "knowledge/queries"],
     "protocol": ["bridge", "msgs/*.py"],
-    "ROS interface": ["ros"],
-    "simulation": ["simulation"],
-    "gate": ["viewer/http.py", "viewer/handlers.py"],
+    "access": ["access"],
     "geometry and assets": ["geometry/*.py", "assets"],
+    "imagination": ["imagination"],
+    "episodes": ["episodes"],
+    "robots": ["robots"],
+    "rendering": ["rendering"],
+    "viewer": ["viewer"],
+    "ros": ["ros"],
+    "prolog": ["prolog"],
+    "simulation": ["simulation"],
 }
-"""The core by name, as folders or patterns below `SOURCE`."""
+"""What is mutated by name, as folders or patterns below `SOURCE`."""
 TEST_FOLDERS = [
-    *("scene", "engines", "knowledge", "bridge", "msgs", "ros", "simulation", "geometry", "assets", "viewer"),
-    *("prolog", "cli"),
+    *("scene", "engines", "knowledge", "bridge", "msgs", "access", "geometry", "assets"),
+    *("imagination", "episodes", "robots", "rendering", "viewer", "ros", "prolog", "simulation", "cli"),
 ]
 EXCLUDED_FILES = ["__init__.py", "godot.py", "godot_process.py"]
 """Godot's files: their tests take seconds each."""
@@ -161,16 +170,39 @@ def _negated(test: cst.BaseExpression) -> cst.BaseExpression:
     return cst.UnaryOperation(operator=cst.Not(), expression=parenthesized)
 
 
-def draw_sample(count: int, seed: int, packages: Sequence[str]) -> list[tuple[Mutant, str]]:
-    """Draws mutants and their source texts: files by their size, then mutations of each, none twice."""
+@dataclass(frozen=True)
+class SampleDescription:
+    """What a sample follows from, apart from the source."""
+
+    seed: str
+    count: int
+    packages: list[str]
+
+
+def commit_hash(name: str) -> str:
+    """Returns the hash of a commit, or the text itself if it is a number or there is no commit of this name."""
+    if name.isdigit():
+        return name
+    command = ["git", "rev-parse", "--verify", "--quiet", f"{name}^{{commit}}"]
+    found = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or name
+
+
+def draw_sample(count: int, seed: str, packages: Sequence[str]) -> list[tuple[Mutant, str]]:
+    """Draws mutants and their source texts: files by their size, then mutations of each, none twice.
+
+    Their order is random, so that the first results are a sample as well.
+    """
     chooser = random.Random(seed)
     files = [(name, path) for name in packages for path in _files_of(PACKAGES[name])]
     wanted = Counter(chooser.choices(files, weights=[path.stat().st_size for _, path in files], k=count))
-    return [
+    sample = [
         pair
         for (name, path), number in sorted(wanted.items(), key=lambda item: str(item[0][1]))
         for pair in _draw_from_file(name, path, number, chooser)
     ]
+    chooser.shuffle(sample)
+    return sample
 
 
 def _files_of(patterns: Iterable[str]) -> Iterator[Path]:
@@ -235,28 +267,39 @@ def _described(item: pytest.Item) -> str:
     return " ".join((item.nodeid, *getattr(item, "fixturenames", ())))
 
 
-def record_coverage() -> None:
-    """Runs the tests with coverage, in this process."""
-    OUTPUT.mkdir(parents=True, exist_ok=True)
-    measurement = coverage.Coverage(data_file=str(OUTPUT / "coverage"), source=[str(SOURCE)], config_file=False)
+def record_coverage(folder: str) -> None:
+    """Runs the tests of a folder with coverage, in this process."""
+    output = OUTPUT / "coverage" / folder
+    output.mkdir(parents=True, exist_ok=True)
+    measurement = coverage.Coverage(data_file=str(output / "coverage"), source=[str(SOURCE)], config_file=False)
     measurement.erase()
     recorder = CoverageRecorder(measurement)
     measurement.start()
-    folders = [str(ROOT / "tests" / folder) for folder in TEST_FOLDERS]
-    pytest.main(["-q", "-p", "no:cacheprovider", "--tb=short", *folders], plugins=[recorder])
+    pytest.main(["-q", "-p", "no:cacheprovider", "--tb=short", str(ROOT / "tests" / folder)], plugins=[recorder])
     measurement.stop()
     measurement.save()
     durations = {test: seconds for test, seconds in recorder.durations.items() if seconds != float("inf")}
-    (OUTPUT / "durations.json").write_text(json.dumps(durations), encoding="utf-8")
+    (output / "durations.json").write_text(json.dumps(durations), encoding="utf-8")
+
+
+def test_folders(packages: Sequence[str], *, nearest: bool) -> list[str]:
+    """Returns the folders whose tests run: all, or those of the packages."""
+    own = {pattern.partition("/")[0] for name in packages for pattern in PACKAGES[name]}
+    return [folder for folder in TEST_FOLDERS if folder in own or not nearest]
 
 
 class TestSelector:
     """Selects the tests of a mutant from the recorded coverage."""
 
-    def __init__(self) -> None:
-        self._durations: dict[str, float] = json.loads((OUTPUT / "durations.json").read_text(encoding="utf-8"))
-        self._data = coverage.CoverageData(str(OUTPUT / "coverage"))
-        self._data.read()
+    def __init__(self, folders: Iterable[str]) -> None:
+        """Reads what was recorded of the tests in some folders."""
+        self._durations: dict[str, float] = {}
+        self._data = []
+        for folder in folders:
+            recorded = OUTPUT / "coverage" / folder
+            self._durations |= json.loads((recorded / "durations.json").read_text(encoding="utf-8"))
+            self._data.append(coverage.CoverageData(str(recorded / "coverage")))
+            self._data[-1].read()
         self._by_file: dict[str, list[str]] = defaultdict(list)
         for test in self._durations:
             self._by_file[test.partition("::")[0]].append(test)
@@ -264,9 +307,7 @@ class TestSelector:
 
     def select(self, mutant: Mutant) -> tuple[list[str], float]:
         """Returns the ids of tests that execute the mutated line, nearest and fastest first, and their duration [s]."""
-        contexts = self._contexts.get(mutant.file)
-        if contexts is None:
-            contexts = self._contexts[mutant.file] = self._data.contexts_by_lineno(str(SOURCE / mutant.file))
+        contexts = self._contexts_of(mutant.file)
         first, last = mutant.function
         found = self._tests_of(contexts.get(mutant.line, ()))
         near = f"tests/{mutant.file.partition('/')[0]}/"
@@ -284,6 +325,15 @@ class TestSelector:
                 break
             selected[test if PLAIN_TEST_ID.fullmatch(test) else test.partition("[")[0]] = None
         return list(selected), min(total, BUDGET_S)
+
+    def _contexts_of(self, file: str) -> dict[int, list[str]]:
+        if file not in self._contexts:
+            contexts: dict[int, list[str]] = defaultdict(list)
+            for data in self._data:
+                for line, found in data.contexts_by_lineno(str(SOURCE / file)).items():
+                    contexts[line] += found
+            self._contexts[file] = contexts
+        return self._contexts[file]
 
     def _tests_of(self, contexts: Iterable[str]) -> set[str]:
         tests = set()
@@ -443,6 +493,14 @@ def load_results() -> list[Result]:
     return results
 
 
+def load_description(default: SampleDescription) -> SampleDescription:
+    """Reads sample.json; the default if there is none."""
+    try:
+        return SampleDescription(**json.loads((OUTPUT / "sample.json").read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return default
+
+
 def report(results: Sequence[Result], listed: SurvivorList) -> None:
     """Writes the survivors and prints the score by package."""
     alive = [(mutant, outcome) for mutant, outcome in results if not _is_killed(outcome)]
@@ -466,21 +524,25 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Draws a sample, runs it, and prints the score."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=400, help="number of mutants")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the sample")
-    parser.add_argument("--package", action="append", choices=list(PACKAGES), help="only this part; repeatable")
+    parser.add_argument("--seed", default="HEAD", help="a number, or a commit, whose hash it is (default: HEAD)")
+    parser.add_argument("--package", action="extend", nargs="+", choices=list(PACKAGES), help="only these parts")
+    parser.add_argument("--nearest", action="store_true", help="run only the tests in the folders of these parts")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--keep-coverage", action="store_true", help="reuse the recorded coverage")
     again = parser.add_mutually_exclusive_group()
     again.add_argument("--survivors", action="store_true", help="run the survivors of the last results again")
-    again.add_argument("--resume", action="store_true", help="continue an interrupted run with the same sample")
-    parser.add_argument("--record", action="store_true", help=argparse.SUPPRESS)
+    again.add_argument("--resume", action="store_true", help="continue an interrupted run with its sample")
+    parser.add_argument("--record", help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     if options.record:
-        record_coverage()
+        record_coverage(options.record)
         return
     begin = time.monotonic()
     listed = SurvivorList(LISTED)
-    sample = draw_sample(options.count, options.seed, options.package or list(PACKAGES))
+    description = SampleDescription(commit_hash(options.seed), options.count, options.package or list(PACKAGES))
+    if options.resume or options.survivors:
+        description = load_description(description)
+    sample = draw_sample(description.count, description.seed, description.packages)
     results: list[Result] = []
     if options.resume:
         before = dict(load_results())
@@ -492,15 +554,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sample = [pair for pair in sample if pair[0] not in done]
     OUTPUT.mkdir(parents=True, exist_ok=True)
     save_results(results)  # those of an earlier run are not continued
-    recorded = (OUTPUT / "durations.json").exists()
-    if not (options.keep_coverage or (options.resume and recorded)):
-        (OUTPUT / "durations.json").unlink(missing_ok=True)
-        subprocess.run([sys.executable, __file__, "--record"], check=True, cwd=ROOT)
+    (OUTPUT / "sample.json").write_text(json.dumps(asdict(description)), encoding="utf-8")
+    folders = test_folders(description.packages, nearest=options.nearest)
+    for folder in folders:
+        recorded = OUTPUT / "coverage" / folder / "durations.json"
+        if recorded.exists() and (options.keep_coverage or options.resume):
+            continue
+        recorded.unlink(missing_ok=True)
+        subprocess.run([sys.executable, __file__, "--record", folder], check=True, cwd=ROOT)
     if sample:
-        for result in MutantRunner(TestSelector(), options.workers).run(sample):
+        for result in MutantRunner(TestSelector(folders), options.workers).run(sample):
             results.append(result)
             save_results(results)
     report(results, listed)
+    print(f"{description.count} mutants by the seed {description.seed}; tests of {', '.join(folders)}")
     print(f"{time.monotonic() - begin:.0f} s; survivors are listed in {OUTPUT / 'survivors.txt'}")
 
 

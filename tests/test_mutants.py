@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -43,8 +44,19 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(mutants, "SOURCE", tmp_path)
     monkeypatch.setattr(mutants, "OUTPUT", tmp_path / "results")
     monkeypatch.setattr(mutants, "LISTED", tmp_path / "listed.toml")
-    monkeypatch.setattr(mutants, "PACKAGES", {"core": ["core"]})
+    monkeypatch.setattr(mutants, "PACKAGES", {"core": ["core"], "other": ["other"]})
+    monkeypatch.setattr(mutants, "TEST_FOLDERS", ["core", "cli"])
+    recorded(tmp_path, "core", {})
+    recorded(tmp_path, "cli", {})
     return tmp_path
+
+
+def recorded(project: Path, folder: str, tests: dict[str, float]) -> CoverageData:
+    """What a run of a folder's tests leaves: their durations, and the coverage, which is to be filled."""
+    output = project / "results" / "coverage" / folder
+    output.mkdir(parents=True, exist_ok=True)
+    (output / "durations.json").write_text(json.dumps(tests), encoding="utf-8")
+    return CoverageData(str(output / "coverage"))
 
 
 class Runner:
@@ -67,7 +79,7 @@ class Runner:
 def runner(monkeypatch: pytest.MonkeyPatch) -> type[Runner]:
     Runner.ran, Runner.interrupted_after = [], 1000
     monkeypatch.setattr(mutants, "MutantRunner", Runner)
-    monkeypatch.setattr(mutants, "TestSelector", lambda: None)
+    monkeypatch.setattr(mutants, "TestSelector", lambda folders: None)
     return Runner
 
 
@@ -132,25 +144,48 @@ def test_listed_survivors_are_reported_apart_from_new_ones(
 
 
 def test_the_tests_of_a_mutant_execute_its_line_or_its_function_or_import_it(project: Path) -> None:
-    (project / "results").mkdir()
     one, two, other = "tests/core/test_a.py::test_one", "tests/core/test_a.py::test_two", "tests/cli/test_b.py::test_c"
-    tests = {one: 0.2, two: 0.1, other: 0.0}
-    (project / "results" / "durations.json").write_text(json.dumps(tests), encoding="utf-8")
-    data = CoverageData(str(project / "results" / "coverage"))
+    near, far = recorded(project, "core", {one: 0.2, two: 0.1}), recorded(project, "cli", {other: 0.0})
     executed = {"": [4, 6, 20], f"{one}|call": [6, 11], f"{other}|call": [6]}
     for context, lines in executed.items():
+        data = far if context.startswith(other) else near
         data.set_context(context)
         data.add_lines({str(project / "core" / "steps.py"): lines})
-    data.write()
+    near.write()
+    far.write()
 
-    def selected(line: int, first: int, last: int) -> list[str]:
+    def selected(line: int, first: int, last: int, *folders: str) -> list[str]:
         mutant = mutants.Mutant("core", "core/steps.py", 0, line, (first, last), "a", "b")
-        return mutants.TestSelector().select(mutant)[0]
+        return mutants.TestSelector(folders or ["core", "cli"]).select(mutant)[0]
 
     assert selected(6, 4, 6) == [one, other], "nearest first"
     assert selected(12, 9, 14) == [one], "another line of the function"
     assert selected(20, 19, 21) == [two, one], "executed at import: the fastest first"
     assert selected(30, 29, 31) == []
+    assert selected(6, 4, 6, "core") == [one], "only the folders that are asked for"
+
+
+def test_the_nearest_tests_are_those_in_the_folders_of_the_packages(
+    project: Path, runner: type[Runner], capsys: pytest.CaptureFixture[str]
+) -> None:
+    mutants.main(["--count", "5", "--keep-coverage", "--package", "core"])
+    assert "tests of core, cli\n" in capsys.readouterr().out
+    mutants.main(["--count", "5", "--keep-coverage", "--package", "core", "--nearest"])
+    assert "tests of core\n" in capsys.readouterr().out
+
+
+def test_a_sample_follows_from_the_hash_of_a_commit_or_from_a_number(
+    project: Path, runner: type[Runner], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def sampled(*options: str) -> list[mutants.Mutant]:
+        runner.ran.clear()
+        mutants.main(["--count", "5", "--keep-coverage", *options])
+        return list(runner.ran)
+
+    newest = sampled()
+    (seed,) = re.findall(r"by the seed ([0-9a-f]{40});", capsys.readouterr().out)
+    assert sampled("--seed", seed) == sampled("--seed", seed[:12]) == newest
+    assert sampled("--seed", "7") == sampled("--seed", "7") != newest
 
 
 def test_an_interrupted_run_is_resumed_after_the_last_result(project: Path, runner: type[Runner]) -> None:
@@ -159,9 +194,8 @@ def test_an_interrupted_run_is_resumed_after_the_last_result(project: Path, runn
         mutants.main(["--count", "100", "--keep-coverage"])
     first = list(runner.ran)
     assert [mutant for mutant, _ in mutants.load_results()] == first
-    (project / "results" / "durations.json").write_text("{}", encoding="utf-8")
     runner.interrupted_after = 1000
-    mutants.main(["--count", "100", "--resume"])
+    mutants.main(["--resume"])
     assert len(first) == 4
     assert len(set(runner.ran)) == len(runner.ran) > 8, "none is run twice"
     assert mutants.load_results() == [
@@ -175,7 +209,7 @@ def test_a_new_run_does_not_continue_an_old_one_and_survivors_are_run_again(
     mutants.main(["--count", "100", "--keep-coverage"])
     count = len(runner.ran)
     runner.ran.clear()
-    mutants.main(["--count", "100", "--keep-coverage", "--survivors"])
+    mutants.main(["--survivors", "--keep-coverage"])
     assert {mutant.before for mutant in runner.ran} == {"return a if a > b else b"}
     runner.interrupted_after = 0
     with pytest.raises(KeyboardInterrupt):
@@ -183,5 +217,5 @@ def test_a_new_run_does_not_continue_an_old_one_and_survivors_are_run_again(
     assert mutants.load_results() == []
     runner.ran.clear()
     runner.interrupted_after = 1000
-    mutants.main(["--count", "100", "--keep-coverage", "--resume"])
+    mutants.main(["--resume"])
     assert len(runner.ran) == count

@@ -27,7 +27,9 @@
     │   ├── AmbiguousSentenceError      a plain sentence that asks several questions, or about several things
     │   ├── QuestionTimeoutError        a question was not answered before its timeout
     │   ├── QueryLimitError             the limit of concurrent questions is reached
-    │   ├── InvalidArgumentError        an invalid argument of a question or an assertion
+    │   ├── QuestionProcessError        the process that answered a question has ended
+    │   ├── InvalidArgumentError        an invalid argument of a function, a question or an assertion
+    │   │   └── NumberRefusedError      a number that is not finite, or beyond its declared range; also a ValueError
     │   ├── SparqlSyntaxError           not a SPARQL query, or one that is not supported
     │   ├── SparqlTimeoutError          a SPARQL query did not finish before its timeout
     │   ├── ReasonerUnavailableError    the OWL 2 RL reasoner is not installed
@@ -144,6 +146,7 @@ __all__ = [
     "NameNotFoundError",
     "NoFreePlacementError",
     "NothingToUndoError",
+    "NumberRefusedError",
     "PlanError",
     "PoseUnreachableError",
     "PrologError",
@@ -152,6 +155,7 @@ __all__ = [
     "PrologUnavailableError",
     "QueryLimitError",
     "QuestionNotFoundError",
+    "QuestionProcessError",
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
     "ReferenceRefusedError",
@@ -650,8 +654,17 @@ class QueryLimitError(KnowledgeError):
 
 
 @dataclass(eq=False, repr=False)
+class QuestionProcessError(KnowledgeError):
+    """The process that answered a question has ended, for example since it needed too much memory."""
+
+    code = "QuestionProcessEnded"
+    template = "{question} was not answered: the process that answered it has ended; another one was started, ask again"
+    question: str
+
+
+@dataclass(eq=False, repr=False)
 class InvalidArgumentError(KnowledgeError):
-    """A question has no such argument or does not accept that value, or an assertion is not valid."""
+    """A function or question has no such argument or does not accept that value, or an assertion is not valid."""
 
     code = "ArgumentRefused"
     template = "{subject}: {cause}{hint}"
@@ -659,6 +672,13 @@ class InvalidArgumentError(KnowledgeError):
     _: KW_ONLY
     cause: str
     remedy: str = ""
+
+
+@dataclass(eq=False, repr=False)
+class NumberRefusedError(InvalidArgumentError, ValueError):
+    """A number is not finite, or beyond its declared range; `subject` is the parameter, `cause` the range."""
+
+    code = InvalidArgumentError.code
 
 
 @dataclass(eq=False, repr=False)
@@ -1180,6 +1200,8 @@ class MessageValidationError(BridgeError):
     remedy: str = ""
     id: str | int | None = None
     """The message's own id on the wire, where it could be read."""
+    answer: object = None
+    """The operation that answers the message, if it is a call or a goal whose id could be read."""
 
     @property
     def at_path(self) -> str:

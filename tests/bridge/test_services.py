@@ -398,3 +398,19 @@ def test_the_graph_lists_services_and_their_providers(local_node: LocalNode, mak
     provider.close()
     eventually(lambda: len(local_node.graph_info().peers) == 1)
     assert [each.name for each in local_node.graph_info().services] == ["/add", "/settle"]
+
+
+def test_a_number_that_no_float_can_hold_is_refused_and_other_calls_are_answered(
+    local_node: LocalNode, make_raw_client: RawClientFactory, caplog: pytest.LogCaptureFixture
+) -> None:
+    local_node.create_service("/add", "x/Add", add)
+    client = make_raw_client()
+    call = '{"op": "call_service", "id": "%s", "service": "/add", "args": {"a": %s, "b": 1}}'
+    for id, number in (("first", "1"), ("huge", "1e999"), ("last", "2")):
+        client.send(call % (id, number))
+    assert client.receive("service_response", id="first")["values"] == {"sum": 2}
+    refused = client.receive("service_response", id="huge")
+    assert refused["result"] is False
+    assert "out of range" in str(refused["values"])
+    assert client.receive("service_response", id="last")["values"] == {"sum": 3}
+    assert not [each for each in caplog.records if each.levelname == "ERROR"]

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
 from msgspec.structs import replace
 
-from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeFrame, FrameRecording
 from mindstage.episodes.exports import write_csv, write_lerobot, write_rrd
 from mindstage.errors import EpisodeError, EpisodeFileError
-from mindstage.scene import BodyId
-from tests.episodes.episodes import DRAWER, EVENTS, MUG, kitchenette_episode
+from mindstage.scene import BodyGeometry, BodyId, PbrMaterial, VisualMesh
+from tests.episodes.episodes import DRAWER, EVENTS, MUG, episodes, kitchenette_episode
 from tests.kitchenette import kitchenette
 
 # -- CSV ---------------------------------------------------------------------------------------------------------------
@@ -48,6 +49,25 @@ def test_the_table_of_events_has_all_that_is_known_about_them(tmp_path: Path) ->
     assert (float(opening["begin_s"]), float(opening["end_s"]), float(opening["amount"])) == (0.25, 1.0, 0.2)
     assert rows["SupportedBy_1"]["end_s"] == ""
     assert rows["SupportedBy_1"]["evidence"] == "Mug rests on Cupboard, 0.0 mm above it | it does not move"
+
+
+@given(episode=episodes())
+@settings(max_examples=15)
+def test_every_event_of_any_episode_is_in_the_table(
+    episode: FrameRecording, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    poses, events = write_csv(episode, tmp_path_factory.mktemp("csv") / "run.csv")
+    with events.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(episode.events())
+    for row, event in zip(rows, episode.events(), strict=True):
+        assert (row["id"], row["kind"], row["thing"]) == (event.id, event.kind.value, event.thing)
+        assert (row["other"], row["agent"], row["joint"]) == (event.other or "", event.agent or "", event.joint or "")
+        for name in ("begin_s", "end_s", "amount"):
+            assert (float(row[name]) if row[name] else None) == getattr(event, name)
+        assert row["evidence"] == " | ".join(event.evidence)
+    with poses.open(newline="", encoding="utf-8") as file:
+        assert sum(1 for _ in csv.DictReader(file)) == sum(len(frame.ids) for frame in episode.frames())
 
 
 def test_a_table_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
@@ -291,9 +311,45 @@ def test_without_rerun_the_error_names_the_extra(tmp_path: Path, monkeypatch: py
         write_rrd(kitchenette_episode(), tmp_path / "run.rrd")
 
 
-def test_an_event_kind_that_is_an_action_is_a_task_of_a_dataset() -> None:
-    from mindstage.episodes.exports import _task_at
+def test_rerun_gets_every_event_with_what_takes_part(stream: Any) -> None:
+    log = stream(kitchenette_episode())
+    assert [(time, path, what.args[0]) for time, path, what in log if path == "events"] == [
+        (0.0, "events", "SupportedBy Mug Cupboard (not ended)"),
+        (0.1, "events", "Contact Mug Drawer (until 0.90 s)"),
+        (0.25, "events", "Opening Drawer DrawerSlide, viewer (until 1.00 s)"),
+        (0.5, "events", "Grasping DrawerHandle DrawerHandle (until 0.75 s)"),
+    ]
 
-    fall = EpisodeEvent(id="F", kind=EpisodeEventKind.FALL, begin_s=0.0, end_s=1.0, thing=MUG)
-    grasp = EpisodeEvent(id="G", kind=EpisodeEventKind.GRASP, begin_s=0.2, end_s=0.4, thing=MUG)
-    assert [_task_at((fall, grasp), time) for time in (0.1, 0.3, 0.5)] == ["idle", "Grasping Mug", "idle"]
+
+def test_rerun_gets_meshes_with_their_colors_and_bodies_without_as_boxes(stream: Any) -> None:
+    world = kitchenette()
+    floor = replace(world.body("Floor"), id=BodyId("Müller's/floor 1"), size=(6.0, 5.0, 0.1))
+    world = replace(world, bodies=(world.body("Mug"), floor), joints=(), attachments=())
+    points, normals = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0.0, 0, 1]] * 3)
+    red = VisualMesh(points, np.array([[0, 1, 2]]), PbrMaterial(color=(1.0, 0.2, 0.0), opacity=0.6), normals)
+    plain = VisualMesh(points + 1.0, np.array([[2, 1, 0]]), PbrMaterial(color=(0.0, 0.0, 1.0)))
+    frame = EpisodeFrame(
+        time_s=0.5,
+        structure=world,
+        ids=tuple(body.id for body in world.bodies),
+        poses=np.array([(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 2.0), (4.0, 5.0, 6.0, 1.0, 0.0, 0.0, 0.0)]),
+    )
+    log = {
+        path: (time, what.fields)
+        for time, path, what in stream(FrameRecording([frame], geometry={MUG: BodyGeometry("key", (red, plain), ())}))
+        if path != "world"
+    }
+    name = "world/Müller\\'s\\/floor\\ 1"
+    assert log.keys() == {"world/Mug", "world/Mug/mesh0", "world/Mug/mesh1", name, f"{name}/box"}
+    assert {time for time, _ in log.values()} == {0.5}
+    assert log["world/Mug/mesh0"][1]["albedo_factor"] == [255, 51, 0, 153]
+    assert log["world/Mug/mesh1"][1]["albedo_factor"] == [0, 0, 255, 255]
+    for number, visual in enumerate((red, plain)):
+        fields = log[f"world/Mug/mesh{number}"][1]
+        assert fields["vertex_positions"].tolist() == visual.points.tolist()
+        assert fields["triangle_indices"].tolist() == visual.faces.tolist()
+    assert log["world/Mug/mesh0"][1]["vertex_normals"].tolist() == normals.tolist()
+    assert log["world/Mug/mesh1"][1]["vertex_normals"] is None
+    assert log[f"{name}/box"][1]["sizes"] == [[6.0, 5.0, 0.1]]
+    assert log["world/Mug"][1]["translation"] == [1.0, 2.0, 3.0]
+    assert log["world/Mug"][1]["rotation"].fields["xyzw"] == [0.0, 0.0, 1.0, 0.0], "normalized, and w last"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pyoxigraph as ox
 import pytest
 from hypothesis import given, settings
 from msgspec.structs import replace
@@ -150,3 +151,83 @@ def test_a_file_without_events_is_an_error(tmp_path: Path) -> None:
 def test_an_unknown_suffix_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(MapWriteError, match=r"\.docx"):
         write_semlog(kitchenette_episode(), tmp_path / "run.docx")
+
+
+# -- the statements, by another RDF parser -----------------------------------------------------------------------------
+
+LOG, KNOWROB = "http://knowrob.org/kb/unreal_log.owl#", "http://knowrob.org/kb/knowrob.owl#"
+RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
+ROLES = {
+    "SupportedBy_1": {"startTime": "timepoint_0.0", "endTime": "timepoint_1.0"}
+    | {"isSupported": "Mug", "isSupporting": "Cupboard"},
+    "Contact_1": {"startTime": "timepoint_0.1", "endTime": "timepoint_0.9", "inContact": "Drawer Mug"},
+    "Opening_1": {"startTime": "timepoint_0.25", "endTime": "timepoint_1.0"}
+    | {"performedBy": "viewer", "objectActedOn": "Drawer", "type": "Opening"},
+    "Grasping_1": {"startTime": "timepoint_0.5", "endTime": "timepoint_0.75"}
+    | {"performedBy": "DrawerHandle", "objectActedOn": "DrawerHandle"},
+}
+"""What each event states, written by hand from `EVENTS`; the episode ends at 1 s."""
+CLASSES = {
+    "SupportedBy_1": "SupportedBySituation",
+    "Contact_1": "TouchingSituation",
+    "Opening_1": "ContainerManipulation",
+    "Grasping_1": "GraspingSomething",
+    "Mug": "Cup",
+    "Cupboard": "Cupboard",
+    "Drawer": "Drawer",
+    "DrawerHandle": "Handle",
+    "kitchenette": "UnrealExperiment",
+    "timepoint_0.25": "TimePoint",
+}
+
+
+@pytest.mark.parametrize("suffix", [".owl", ".ttl"])
+def test_each_event_states_its_participants_in_their_roles_and_its_times(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"run_ED{suffix}"
+    write_semlog(kitchenette_episode(), path)
+    format = ox.RdfFormat.RDF_XML if suffix == ".owl" else ox.RdfFormat.TURTLE
+    quads = ox.parse(path=path, format=format)
+    triples = [(quad.subject.value, quad.predicate.value, quad.object.value) for quad in quads]
+    for id, roles in ROLES.items():
+        found: dict[str, list[str]] = {}
+        for subject, property, value in triples:
+            if subject == LOG + id and property.startswith(KNOWROB):
+                found.setdefault(property.removeprefix(KNOWROB), []).append(value.split("#")[-1])
+        assert found.pop("inEpisode") == ["kitchenette"]
+        assert {property: " ".join(sorted(values)) for property, values in found.items()} == roles
+    for id, cls in CLASSES.items():
+        assert (LOG + id, RDF_TYPE, KNOWROB + cls) in triples, id
+    experiment = [(p.removeprefix(KNOWROB), v.split("#")[-1]) for s, p, v in triples if s == LOG + "kitchenette"]
+    assert {value for property, value in experiment if property == "subAction"} == set(ROLES)
+    assert {value for property, value in experiment if property == "experiment"} == {"kitchenette"}
+    assert {value for property, value in experiment if property == "startTime"} == {"timepoint_0.0"}
+    assert {value for property, value in experiment if property == "endTime"} == {"timepoint_1.0"}
+
+
+def test_irregular_files_are_read_as_far_as_possible_and_everything_left_out_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "EventData.owl"
+    kind = '<rdf:type rdf:resource="&knowrob;{cls}"/>'
+    event = f'<owl:NamedIndividual rdf:about="&log;{{id}}">{kind}{{more}}</owl:NamedIndividual>'
+    start = '<knowrob:startTime rdf:resource="&log;timepoint_{}"/>'
+    thing = '<knowrob:objectActedOn rdf:resource="&log;Mug"/>'
+    more = (
+        event.format(id="Slide_1", cls="SlidingSituation", more=start.format(2.5) + thing),
+        event.format(id="Slide_2", cls="SlidingSituation", more=start.format("soon") + thing),
+        event.format(id="Slide_3", cls="SlidingSituation", more=start.format(2.5)),
+        event.format(id="Dance_1", cls="Dancing", more=start.format(2.5) + thing),
+        event.format(id="Second", cls="UnrealExperiment", more=start.format(9.0)),
+    )
+    path.write_text(ROBCOG.replace("</rdf:RDF>", "\n".join((*more, "</rdf:RDF>"))))
+    found = read_semlog(path, kitchenette())
+    slide = next(each for each in found.events if each.id == "Slide_1")
+    assert (slide.begin_s, slide.end_s, slide.thing, slide.other, slide.agent) == (2.5, None, "Mug", None, None)
+    assert not {"Slide_2", "Slide_3", "Dance_1", "Second"} & {each.id for each in found.events}
+    assert set(found.findings) == {
+        "ParticleTranslation_1 (ParticleTranslation) is no kind of event here",
+        "Dance_1 (Dancing) is no kind of event here",
+        "Slide_2 has no valid begin; it is left out",
+        "Slide_3 has no object; it is left out",
+        "there are 2 experiments; times are those of rcg_5",
+        "Bowl3_9w2Y: no body of the map",
+    }
+    assert (found.name, found.begin_s, found.end_s) == ("rcg_5", 0.0, 12.5)

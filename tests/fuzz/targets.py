@@ -10,6 +10,7 @@ import json
 import logging
 import os
 import random
+import shutil
 import socket
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -270,6 +271,30 @@ class PrologQueries(FuzzTarget):
         self._stack.close()
 
 
+class RandomEditRuns(FuzzTarget):
+    """Lists of random edits of running worlds, of which each can be undone: the input is the seed of one."""
+
+    uses_network = True  # the readers of robots are processes
+    memory_limit = None
+
+    def seeds(self) -> Iterator[bytes]:
+        yield from (bytes([number]) for number in range(4))
+
+    def random_input(self, chooser: random.Random) -> bytes:
+        return chooser.randbytes(8)
+
+    def process(self, data: bytes) -> None:
+        from tests.simulation.random_edits import STARTS, random_steps, run, shrunk
+
+        start = list(STARTS)[(data[0] if data else 0) % len(STARTS)]
+        steps = random_steps(random.Random(data), 8 if start == "kitchen" else 25)
+        try:
+            run(start, steps, self.folder)
+        except AssertionError:
+            run(start, shrunk(start, steps, self.folder, runs=20), self.folder)
+            raise
+
+
 # -- ports ---------------------------------------------------------------------------------------------------------
 
 
@@ -424,6 +449,44 @@ class HttpRequests(PageRequests):
         self._errors.raise_if_any()
 
 
+class ServerPorts(FuzzTarget):
+    """A running server with all of its ports, in a process of its own: the input seeds a burst of requests to them."""
+
+    uses_network = True
+    memory_limit = None
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self._server: Any = None
+
+    def seeds(self) -> Iterator[bytes]:
+        yield from (b"0", b"1")
+
+    def random_input(self, chooser: random.Random) -> bytes:
+        return chooser.randbytes(8)
+
+    def process(self, data: bytes) -> None:
+        from tests.fuzz.running_server import RunningServer, ServerFuzzer
+
+        if self._server is None:
+            self._server = RunningServer(self.folder / "server")
+        fuzzer = ServerFuzzer(self._server, data.hex())
+        try:
+            fuzzer.run(requests=100)
+            fuzzer.close()
+            self._server.measure()
+            self._server.check_intact()
+        except BaseException:
+            self.close()
+            shutil.rmtree(self.folder / "server")  # the next input has a new one
+            raise
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.stop()
+            self._server = None
+
+
 class RemoteReplies(FuzzTarget):
     """Frames that a rosbridge server sends to our client."""
 
@@ -492,9 +555,11 @@ TARGETS: dict[str, type[FuzzTarget]] = {
     "ontologies": OntologyFiles,
     "queries": QueryTexts,
     "prolog": PrologQueries,
+    "edits": RandomEditRuns,
     "rosbridge": RosbridgeFrames,
     "page": PageRequests,
     "http": HttpRequests,
+    "server": ServerPorts,
     "replies": RemoteReplies,
 }
 """Everything that is fuzzed, by name."""

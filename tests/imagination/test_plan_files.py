@@ -148,6 +148,112 @@ def test_the_builder_gives_the_plan_of_the_file() -> None:
     assert built == load_plan(YAML).plan
 
 
+def test_each_method_of_the_builder_adds_its_step_with_all_fields() -> None:
+    pose = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    built = (
+        PlanBuilder("all")
+        .place("a", on="b", deadline_s=1.5)
+        .place("a", into="c")
+        .move("a", to=pose, deadline_s=2.5)
+        .move("a", by=(1.0, 2.0, 3.0))
+        .pull("a", target=(1.0, 2.0, 3.0), point=(4.0, 5.0, 6.0), deadline_s=3.5)
+        .push("a", force=(1.0, 2.0, 3.0), point=(4.0, 5.0, 6.0), duration_s=0.25, deadline_s=4.5)
+        .open("a", fraction=0.25, deadline_s=5.5)
+        .close("a", deadline_s=6.5)
+        .wait(2.0)
+        .wait(20.0)
+        .wait(20.0, deadline_s=7.5)
+        .attach("a", to="b", deadline_s=8.5)
+        .detach("a", deadline_s=9.5)
+        .change_physics("a", mass_kg=2.0, mobility=Mobility.STATIC, gravity=False, deadline_s=10.5)
+        .perform("grasp", robot="r", deadline_s=11.5, thing="a", arm="left")
+        .perform("park")
+        .uncertain("a", yaw_rad=0.5)
+        .uncertain("b", mass=0.25)
+        .check("where_is", thing="a", expect="none")
+        .until("on", thing="b")
+        .forbid("fell", "tipped")
+        .deadline(12.5)
+        .build()
+    )
+    assert built == Plan(
+        name="all",
+        steps=(
+            Place(thing="a", on="b", deadline_s=1.5),
+            Place(thing="a", into="c"),
+            Move(thing="a", to=pose, deadline_s=2.5),
+            Move(thing="a", by=(1.0, 2.0, 3.0)),
+            Pull(thing="a", target=(1.0, 2.0, 3.0), point=(4.0, 5.0, 6.0), deadline_s=3.5),
+            Push(thing="a", force=(1.0, 2.0, 3.0), point=(4.0, 5.0, 6.0), duration_s=0.25, deadline_s=4.5),
+            Open(thing="a", fraction=0.25, deadline_s=5.5),
+            Close(thing="a", deadline_s=6.5),
+            Wait(duration_s=2.0, deadline_s=10.0),
+            Wait(duration_s=20.0, deadline_s=21.0),
+            Wait(duration_s=20.0, deadline_s=7.5),
+            Attach(parent="b", child="a", deadline_s=8.5),
+            Detach(child="a", deadline_s=9.5),
+            ChangePhysics(thing="a", mass_kg=2.0, mobility=Mobility.STATIC, gravity=False, deadline_s=10.5),
+            Perform(skill="grasp", robot="r", deadline_s=11.5, args={"thing": "a", "arm": "left"}),
+            Perform(skill="park", deadline_s=300.0),
+        ),
+        uncertainty=(Uncertainty(thing="a", yaw_rad=0.5), Uncertainty(thing="b", mass=0.25)),
+        check=Check(question="where_is", args={"thing": "a"}, expect="none"),
+        until=Check(question="on", args={"thing": "b"}),
+        forbid=("fell", "tipped"),  # type: ignore[arg-type]
+        deadline_s=12.5,
+    )
+    for format in ("yaml", "json"):
+        assert load_plan(dump_plan(built, format=format)).plan == built
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("on", "on"),
+        ("no", "no"),
+        ("1:30", "1:30"),
+        ("0o17", "0o17"),
+        ("'5'", "5"),
+        ("5", 5.0),
+        ("-5", -5.0),
+        ("+1.5e2", 150.0),
+        (".5", 0.5),
+        ("1e3", 1000.0),
+        ("5 m", "5 m"),
+    ],
+)
+def test_scalars_are_those_of_yaml_1_2(text: str, value: object) -> None:
+    plan = load_plan(f"steps:\n  - do: perform\n    skill: s\n    args: {{a: {text}}}\n").plan
+    (step,) = plan.steps
+    assert isinstance(step, Perform)
+    assert step.args == {"a": value}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "steps:\n  - do: wait\n    duration_s: 1\n    duration_s: 2\n",
+            r"the plan:4: steps\[0\].duration_s: .*occurs twice",
+        ),
+        ("steps: &a\n  - do: wait\n    duration_s: 1\nforbid: *a\n", r"the plan:4: aliases are refused: \*a"),
+        ("steps: !!set {a}\n# \n", r"the plan:1.*(tag|steps)"),
+        ("? [a]\n: 1\n", "the plan:1: a key must be a text"),
+        ("- 1\n- 2\n", "the plan:1: it is a list; a plan is an object with the key `steps`"),
+        ("just\na text\n", "the plan:1: it is a text"),
+        ("\n", "the plan:1: it is empty"),
+        (
+            "steps:\n  - {do: wait, duration_s: 1}\n" + "a: " + "[" * 40 + "]" * 40 + "\n",
+            "the plan:3: more than 30 levels",
+        ),
+        ('{"steps": [], "steps": []}', "the key occurs twice"),
+    ],
+)
+def test_what_yaml_allows_and_plans_do_not_is_refused_with_its_line(text: str, message: str) -> None:
+    with pytest.raises(PlanError, match=message):
+        load_plan(text)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -18,6 +18,7 @@ from mindstage.errors import ImaginationError, PlanError
 from mindstage.imagination import (
     Check,
     EventKind,
+    ImaginedEvent,
     InProcessExecutor,
     Job,
     Move,
@@ -33,6 +34,7 @@ from mindstage.imagination import (
     wilson_interval,
 )
 from mindstage.imagination.executors import lost_sample
+from mindstage.robots.skills.declaration import SkillOutcome, SkillResult, SkillState
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.simulation import Simulation, SimulationImage
 from tests.engines.scenes import body
@@ -265,6 +267,171 @@ def test_unknown_samples_are_never_failed() -> None:
     assert verdict.interval == (wilson_interval(10, 20)[0], 1.0)
     assert verdict.outcome is Outcome.UNKNOWN
     assert "10 are unknown" in str(verdict)
+
+
+# -- from given samples ------------------------------------------------------------------------------------------------
+
+
+class Given:
+    """An executor whose results are given; it counts those that are taken."""
+
+    name, notes = "given", ("the samples were made up",)
+
+    def __init__(self, *results: SampleResult) -> None:
+        self._results = results
+        self.taken: list[int] = []
+
+    def run(self, job: Job, indices: object, **options: object) -> Iterator[SampleResult]:
+        for result in self._results:
+            self.taken.append(result.index)
+            yield result
+
+    def close(self) -> None:
+        raise AssertionError("an executor that was given remains open")
+
+
+def fell(other: str, text: str = "box fell") -> ImaginedEvent:
+    return ImaginedEvent(kind=EventKind.FELL, text=text, thing=BodyId("box"), other=BodyId(other), time_s=0.5)
+
+
+def sample(index: int, cause: ImaginedEvent | None = None, x: float = 0.0, **fields: Any) -> SampleResult:
+    outcome = Outcome.SUCCEEDED if cause is None else Outcome.FAILED
+    pose = Pose((x, 2.0 * x, 1.0))
+    return SampleResult(index=index, outcome=outcome, cause=cause, end_poses={"box": pose}, **fields)
+
+
+LATE = ImaginedEvent(kind=EventKind.LATE, text="it took too long")
+MIXED = (
+    *(sample(index, x=0.1 * index) for index in (0, 1, 2)),
+    sample(4, fell("table", "box fell from table, second"), x=9.0),
+    sample(3, fell("shelf", "box fell from shelf"), x=-1.0),
+    sample(6, fell("table"), x=9.0),
+    sample(5, LATE, x=9.0),
+    lost_sample(7, "the node is gone"),
+    sample(9, fell("shelf"), x=9.0),
+    sample(8, fell("table"), x=9.0),
+)
+"""Ten samples, not in their order: three succeeded, six failed, and one is unknown."""
+
+
+def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: Simulation) -> None:
+    verdict = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
+    assert [each.index for each in verdict.results] == list(range(10))
+    assert (verdict.samples, verdict.succeeded, verdict.failed, verdict.unknown) == (10, 3, 6, 1)
+    assert verdict.probability == pytest.approx(3 / 9)
+    assert verdict.interval == (wilson_interval(3, 10)[0], wilson_interval(4, 10)[1])
+    assert verdict.outcome is Outcome.UNKNOWN
+    assert verdict.first_failure == MIXED[4], "the one with the lowest index, not the one that ended first"
+    causes = [(each.kind.value, each.thing, each.other, each.count) for each in verdict.causes]
+    assert causes == [
+        ("fell", "box", "table", 3),
+        ("fell", "box", "shelf", 2),
+        ("late", None, None, 1),
+        ("lost", None, None, 1),
+    ]
+    low, high = verdict.interval
+    assert str(verdict) == (
+        f"unknown: 3 of 9 samples succeeded (0.33, 95 % interval {low:.2f} to {high:.2f}); 1 is unknown; "
+        "sample 3: box fell from shelf"
+    )
+    assert verdict.stopped == "all samples were run"
+    assert "the samples were made up" in verdict.assumptions
+    assert verdict.end_poses("box")[:4].tolist() == [
+        pytest.approx([x, 2 * x, 1.0, 1.0, 0.0, 0.0, 0.0]) for x in (0.0, 0.1, 0.2, -1.0)
+    ]
+    assert verdict.end_poses("table").shape == (0, 7)
+
+
+def test_the_json_of_a_verdict_has_its_numbers(sim: Simulation) -> None:
+    verdict = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
+    found = json.loads(verdict.to_json())
+    for name in ("outcome", "probability", "samples", "succeeded", "failed", "unknown", "seed", "threshold", "stopped"):
+        assert found[name] == getattr(verdict, name), name
+    assert (found["interval"], found["why"]) == (list(verdict.interval), str(verdict))
+    assert found["first_failure"]["index"] == 3
+    assert found["first_failure"]["cause"]["other"] == "shelf"
+    assert [(each["kind"], each.get("other"), each["count"]) for each in found["causes"]] == [
+        ("fell", "table", 3),
+        ("fell", "shelf", 2),
+        ("late", None, 1),
+        ("lost", None, 1),
+    ]
+    xs = [0.0, 0.1, 0.2, -1.0, 9.0, 9.0, 9.0, 9.0, 9.0]
+    assert found["end_positions"] == {
+        "box": {
+            "count": 9,
+            "mean": pytest.approx([np.mean(xs), 2 * np.mean(xs), 1.0]),
+            "deviation": pytest.approx([np.std(xs), 2 * np.std(xs), 0.0]),
+        }
+    }
+    assert found["plan"]["name"] == "near the edge"
+    assert found["assumptions"] == list(verdict.assumptions)
+    table = verdict._repr_html_()
+    for text in ("fell", "late", "lost", "shelf", "table", "<td>3</td>", "box"):
+        assert text in table
+
+
+def test_samples_after_the_one_that_decides_do_not_count(sim: Simulation) -> None:
+    # Wilson's interval of 30 of 30 is 0.114 wide, that of 40 of 40 is 0.088
+    executor = Given(*(sample(index) for index in range(60)))
+    verdict = imagine(sim, NEAR_EDGE, samples=60, width=0.1, workers=executor)
+    assert (verdict.samples, verdict.succeeded) == (40, 40)
+    assert verdict.stopped == "the interval is narrower than 0.1"
+    assert verdict.outcome is Outcome.SUCCEEDED
+    assert len(executor.taken) == 40
+    backwards = Given(*(sample(index) for index in range(59, -1, -1)))
+    assert imagine(sim, NEAR_EDGE, samples=60, width=0.1, workers=backwards) == verdict
+
+
+def test_a_trial_without_all_of_its_samples_says_why(sim: Simulation) -> None:
+    early = Given(*(sample(index) for index in range(7)))
+    verdict = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=early, budget_s=55.0)
+    assert (verdict.samples, verdict.stopped) == (7, "the budget of 55 s was used up")
+    canceled = imagine(sim, NEAR_EDGE, samples=10, workers=Given(sample(0)), cancel=lambda: True)
+    assert (canceled.samples, canceled.stopped) == (1, "canceled")
+    nothing = imagine(sim, NEAR_EDGE, samples=10, workers=Given())
+    assert (nothing.outcome, nothing.probability, nothing.interval) == (Outcome.UNKNOWN, None, (0.0, 1.0))
+    assert str(nothing) == "unknown: no sample has a known outcome (the budget of 60 s was used up)"
+    interrupted = [lost_sample(index, "stopped", is_interrupted=True) for index in range(10)]
+    ended = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*interrupted))
+    assert ended.stopped == "the budget of 60 s was used up"
+    assert ended.outcome is Outcome.UNKNOWN
+
+
+def test_progress_counts_what_has_ended_so_far(sim: Simulation) -> None:
+    seen: list[Progress] = []
+    results = [sample(index, None if index % 5 else LATE) for index in range(25)]
+    imagine(sim, NEAR_EDGE, samples=25, width=None, workers=Given(*results), progress=seen.append)
+    assert [(each.done, each.samples, each.succeeded, each.failed) for each in seen] == [
+        (10, 25, 8, 2),
+        (20, 25, 16, 4),
+        (25, 25, 20, 5),
+    ]
+    assert [each.interval for each in seen] == [
+        wilson_interval(8, 10),
+        wilson_interval(16, 20),
+        wilson_interval(20, 25),
+    ]
+
+
+def test_what_skills_assumed_is_listed_with_the_number_of_samples(sim: Simulation) -> None:
+    def with_skills(index: int, *assumptions: str) -> SampleResult:
+        skill = SkillResult(
+            outcome=SkillOutcome.SUCCEEDED,
+            skill="grasp",
+            args={},
+            reason="",
+            assumptions=assumptions,
+            suggestion="",
+            state=SkillState(base=None, held={}, supports={}, openness={}),
+            duration_s=1.0,
+            steps=(),
+        )
+        return sample(index, skills=(skill, skill))
+
+    results = (with_skills(0, "rare", "all"), with_skills(1, "all", "often"), with_skills(2, "often", "all"))
+    verdict = imagine(sim, NEAR_EDGE, samples=3, width=None, workers=Given(*results))
+    assert verdict.assumptions[-3:] == ("all", "in 2 samples of 3: often", "in 1 sample of 3: rare")
 
 
 # -- bad input ---------------------------------------------------------------------------------------------------------

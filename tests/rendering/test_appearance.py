@@ -154,6 +154,15 @@ def test_the_material_color_applies_to_opaque_untextured_meshes() -> None:
     assert appearance.key != appearance_of(plain, geometry={"mug": geometry}).key
 
 
+def test_the_material_color_applies_to_what_has_no_mesh_of_its_own() -> None:
+    painted = body("mug", "Cup", (0.0, 0.0, 0.0), (0.1, 0.1, 0.1), materials=(Material(name="M", color=GREEN),))
+    shapes = BodyGeometry(key="k", visuals=(), collision_shapes=(CollisionShape(size=(0.2, 0.2, 0.2)),))
+    for geometry in ({}, {"mug": shapes}):
+        appearance = appearance_of(painted, geometry=geometry)
+        assert {visual.material.color for visual in appearance.visuals} == {GREEN}
+        assert appearance.key != appearance_of(replace(painted, materials=()), geometry=geometry).key
+
+
 def test_without_visuals_collision_shapes_are_drawn() -> None:
     corners = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 2.0))
     collision_shapes = (

@@ -13,8 +13,8 @@ from mindstage.errors import RendererUnavailableError
 from mindstage.rendering import CameraPose, gl_context, rasterizer
 from mindstage.rendering.camera import ViewFrame
 from mindstage.rendering.rasterizer import render_picture, sun_direction
-from mindstage.rendering.render_scene import RenderItem, RenderScene
-from mindstage.scene import BodyId, PbrMaterial, Pose, Vector, VisualMesh
+from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
+from mindstage.scene import BodyId, LightType, PbrMaterial, Pose, Vector, VisualMesh
 from mindstage.scene.mesh import box
 
 SIZE = (240, 160)
@@ -168,3 +168,48 @@ def test_an_old_opengl_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gl_context, "_LEAST_VERSION", (9, 9))
     with pytest.raises(RendererUnavailableError, match=r"OpenGL .* is needed"):
         render_picture(scene(), SIZE)
+
+
+def turned_block(yaw: float) -> RenderItem:
+    """A block of 1 m, turned about the vertical."""
+    block = item("block", (0.0, 0.0, 0.5), (1.0, 1.0, 1.0))
+    return msgspec.structs.replace(
+        block, pose=Pose((0.0, 0.0, 0.5), (float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))))
+    )
+
+
+def sides(yaw: float) -> list[NDArray[np.float64]]:
+    """The normals of the sides that the camera sees, of a turned block: two vertical ones, and the top."""
+    normals = [np.array([np.cos(angle), np.sin(angle), 0.0]) for angle in yaw + np.arange(4) * np.pi / 2]
+    eye = np.array(CAMERA.position) - (0.0, 0.0, 0.5)
+    return [*(each for each in normals if each @ eye > 0.9), np.array([0.0, 0.0, 1.0])]
+
+
+@pytest.mark.parametrize("yaw", [-0.6, -0.25, 0.25, 0.6, 2.2])
+def test_a_side_is_brighter_the_more_it_faces_the_sun(yaw: float) -> None:
+    sun = sun_direction(CAMERA)
+    picture = render_picture(scene(turned_block(yaw)), SIZE)
+    found = [
+        (float(normal @ sun), around(picture, (0.0, 0.0, 0.5) + 0.5 * normal).mean()) for normal in sides(yaw)[:-1]
+    ]
+    assert len(found) == 2
+    (less, dark), (more, bright) = sorted(found)
+    assert more - less > 0.1
+    assert bright > dark + 3.0
+
+
+@pytest.mark.parametrize("place", [(-3.0, -3.0, 1.5), (3.0, -3.0, 1.5), (0.0, 0.0, 4.0)])
+def test_a_lamp_lights_the_sides_that_face_it(place: Vector) -> None:
+    yaw = np.pi / 4
+    dark = scene(turned_block(yaw))
+    lamp = RenderLight(type=LightType.POINT, pose=Pose(place), color=(1.0, 1.0, 1.0), intensity=400.0)
+    before, after = (render_picture(each, SIZE) for each in (dark, msgspec.structs.replace(dark, lights=(lamp,))))
+    gains, faced = [], []
+    for normal in sides(yaw):
+        center = np.array([0.0, 0.0, 0.5]) + 0.5 * normal
+        gains.append(around(after, center).mean() - around(before, center).mean())
+        faced.append(float(normal @ (np.array(place) - center)))
+    assert int(np.argmax(gains)) == int(np.argmax(faced))
+    for gain, distance in zip(gains, faced, strict=True):
+        assert gain > 5.0 or distance < 1.0
+        assert gain < 5.0 or distance > 0.0

@@ -10,13 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 import mindstage as ms
-from mindstage.engines import Capability, GodotEngine, MujocoEngine, NullEngine
+from mindstage.engines import Capability, Engine, GodotEngine, MujocoEngine, NullEngine
 from mindstage.errors import BodyNotFoundError, CommitError, ImaginationError, SimulationError
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose, diff
+from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, diff
 from mindstage.simulation import Simulation, SimulationImage
+from mindstage.simulation.imagined import match_world
 from tests.engines.served_simulation import ServedSimulation
 from tests.kitchenette import kitchenette
 
@@ -298,3 +300,75 @@ def what_happens(sim: Simulation) -> tuple[bytes, list[str], list[str], tuple[ob
     milk = sim.snapshot().body(BodyId("milk_carton_1")).iri
     told = [str(fact) for fact in sim.knowledge.facts_of(milk, runtime_only=True)]
     return state_bits(sim), list(map(str, answers)), told, sim.knowledge.findings()
+
+
+# -- the same state in another engine ----------------------------------------------------------------------------------
+
+STEEL = Material(name="steel", color=(0.5, 0.5, 0.6))
+
+
+def edited(sim: Simulation) -> None:
+    """Edits of every kind."""
+    sim.undo_stack.move(MUG, Pose((0.5, -2.0, 0.3), (0.0, 0.0, 0.0, 1.0)))
+    sim.joint(DRAWER).move_to(-0.2)
+    sim.undo_stack.detach("FridgeHandle")
+    sim.undo_stack.attach("Drawer", "Mug")
+    sim.undo_stack.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
+
+    def label_and_paint(engine: Engine) -> None:
+        engine.set_label(MUG, "My mug")
+        engine.set_materials(MUG, (STEEL,))
+
+    sim.run_on_engine(label_and_paint, edits=True)
+
+
+@pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
+def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engine]) -> None:
+    with Simulation(KnowledgeBase(), engine(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        with sim.imagine() as copy:
+            edited(copy)
+            copy.undo_stack.delete([BodyId("FridgeHandle")])
+            done = copy.commit()
+            assert diff(copy.snapshot(), sim.snapshot()).identical(1e-3)
+        assert "detach FridgeHandle" in done
+        assert "attach Mug to Drawer" in done
+        assert done[-3:] == ("label of Mug", "materials of Mug", "delete FridgeHandle")
+        mug = sim.snapshot().body(MUG)
+        assert (mug.label, mug.materials) == ("My mug", (STEEL,))
+        with sim.imagine() as copy:
+            copy.run_on_engine(lambda engine: engine.clear(), edits=True)
+            assert copy.commit() == ("clear",)
+        assert sim.state.ids == ()
+
+
+@pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
+def test_an_engine_is_given_the_state_of_another_world(engine: type[Engine]) -> None:
+    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        edited(sim)
+        present, worlds = sim.snapshot(), sim.worlds
+    other = engine()
+    other.spawn(kitchenette())
+    other.attach(BodyId("Cupboard"), MUG)
+    assert match_world(other, present, worlds=worlds) == ()
+    assert diff(present, other.snapshot()).identical(1e-6)
+    other.delete([MUG])
+    assert match_world(other, present, worlds=worlds) == ("'Mug' is not in the copy: it cannot be spawned",)
+    other.close()
+
+
+@pytest.mark.parametrize(("position", "expected"), [(-0.455, -0.45), (0.004, 0.0), (-0.3, -0.3)])
+def test_a_joint_that_physics_had_pushed_beyond_its_limit_is_at_the_limit(position: float, expected: float) -> None:
+    world = kitchenette()
+    moved = Pose((1.95 + position, 0.0, 0.65))
+    present = replace(world, bodies=tuple(replace(b, pose=moved) if b.id == DRAWER else b for b in world.bodies))
+    engine = MujocoEngine()
+    engine.spawn(world)
+    assert match_world(engine, present, worlds=[world]) == ()
+    assert engine.snapshot().body(DRAWER).pose.position[0] == pytest.approx(1.95 + expected, abs=2e-3)
+    far = Pose((1.95 - 0.9, 0.0, 0.65))
+    present = replace(world, bodies=tuple(replace(b, pose=far) if b.id == DRAWER else b for b in world.bodies))
+    (note,) = match_world(engine, present, worlds=[world])
+    assert note.startswith("'Drawer' has another pose in the copy: ")
+    engine.close()

@@ -12,10 +12,26 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import mindstage as ms
-from mindstage.engines import NullEngine
+from mindstage.engines import Engine, NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import bundled_kitchen
-from mindstage.scene import Attachment, BodyId, Mobility, Pose
+from mindstage.scene import (
+    AngularLimits,
+    Attachment,
+    AxisMotion,
+    Body,
+    BodyId,
+    BodyPhysics,
+    Iri,
+    Joint,
+    JointMimic,
+    LinearLimits,
+    Mobility,
+    Pose,
+    Vector,
+    World,
+)
 from mindstage.simulation import JointMotion, Simulation
 from tests.kitchenette import kitchenette
 
@@ -100,6 +116,90 @@ def test_of_two_limits_it_opens_to_the_one_where_its_handle_is_farther_away() ->
             assert sim.joint("Drawer").open_position == pytest.approx(side)
 
 
+def shelf(joint: Joint, *, is_swapped: bool, more: tuple[Joint, ...] = ()) -> World:
+    """A box beside a post in the air, joined to it; nothing is furniture, and there is no weight."""
+    ends = (BodyId("box"), BodyId("post")) if is_swapped else (BodyId("post"), BodyId("box"))
+
+    def body(id: str, position: Vector, mobility: Mobility) -> Body:
+        iri = Iri(f"http://example.org/m#{id}")
+        physics = BodyPhysics(mobility=mobility, gravity=False, mass_kg=1.0)
+        return Body(id=BodyId(id), iri=iri, cls=iri, pose=Pose(position), size=(0.2, 0.2, 0.2), physics=physics)
+
+    return World(
+        iri=Iri("http://example.org/m#map"),
+        bodies=(
+            body("post", (0.0, 0.0, 1.0), Mobility.STATIC),
+            body("box", (1.0, 0.0, 1.0), Mobility.DYNAMIC),
+            body("twin", (-1.0, 0.0, 1.0), Mobility.DYNAMIC),
+        ),
+        joints=(replace(joint, parent=ends[0], child=ends[1]), *more),
+    )
+
+
+SLIDE = Joint(
+    id=BodyId("slide"),
+    iri=Iri("http://example.org/m#slide"),
+    parent=BodyId("post"),
+    child=BodyId("box"),
+    pose=Pose((1.0, 0.0, 1.0)),
+    linear=LinearLimits(y=AxisMotion.LIMITED, limit=0.3, y_middle=0.2),
+)
+HINGE = replace(
+    SLIDE,
+    pose=Pose((0.0, 0.0, 1.0)),
+    linear=LinearLimits(),
+    angular=AngularLimits(swing1=AxisMotion.LIMITED, swing1_limit=0.5, swing1_middle=0.3),
+)
+
+
+@pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
+@pytest.mark.parametrize("is_swapped", [False, True])
+@pytest.mark.parametrize("joint", [SLIDE, HINGE], ids=["slide", "hinge"])
+def test_unequal_limits_hold_for_either_order_of_the_bodies(
+    engine: type[Engine], is_swapped: bool, joint: Joint
+) -> None:
+    low, high = (-0.1, 0.5) if joint is SLIDE else (-0.2, 0.8)
+    # positions are those of the child against the parent
+    sign = -1.0 if is_swapped else 1.0
+    with Simulation(ms.KnowledgeBase(bundled_ontology=False), engine(), shapes=False) as sim:
+        sim.spawn(shelf(joint, is_swapped=is_swapped))
+        found = sim.joint("box")
+        assert found.range == pytest.approx((low, high))
+        for position in (high, low, 0.0):
+            assert found.move_to(position)
+            x, y, _ = found.pose_at(found.position).position
+            assert (y if joint is SLIDE else math.atan2(y, x)) == pytest.approx(sign * position, abs=0.02)
+            assert sim.snapshot().body("box").pose.position == pytest.approx((x, y, 1.0), abs=1e-3)
+        for outside in (low - 0.01, high + 0.01):
+            with pytest.raises(InvalidArgumentError, match="is out of range"):
+                found.move_to(outside)
+        if engine is MujocoEngine:
+            for end, direction in ((high, 1.0), (low, -1.0)):
+                sim.pull(BodyId("box"), point=(0.0, 0.0, 0.0), target=(1.0, 3.0 * direction * sign, 1.0))
+                sim.step(1.5)
+                assert found.position == pytest.approx(end, abs=0.03), "the engine stops it at the limit"
+            sim.release()
+
+
+@pytest.mark.parametrize("multiplier", [0.5, -0.5])
+def test_a_joint_that_follows_another_one_moves_it(multiplier: float) -> None:
+    master = replace(
+        SLIDE,
+        id=BodyId("master"),
+        iri=Iri("http://example.org/m#master"),
+        child=BodyId("twin"),
+        pose=Pose((-1.0, 0.0, 1.0)),
+        linear=LinearLimits(y=AxisMotion.LIMITED, limit=1.0),
+    )
+    slide = replace(SLIDE, mimic=JointMimic(joint=BodyId("master"), multiplier=multiplier, offset=0.1))
+    with Simulation(ms.KnowledgeBase(bundled_ontology=False), MujocoEngine(), shapes=False) as sim:
+        sim.spawn(shelf(slide, is_swapped=False, more=(master,)))
+        assert sim.joint("slide").move_to(0.3)
+        # 0.3 = multiplier * position + 0.1
+        assert sim.joint("master").position == pytest.approx(0.2 / multiplier, abs=0.02)
+        assert sim.joint("slide").position == pytest.approx(0.3, abs=0.02)
+
+
 def test_an_obstacle_stops_it_and_the_result_is_false(sim: Simulation) -> None:
     wall = replace(
         sim.snapshot().body("fridge"),
@@ -155,7 +255,7 @@ def test_the_pose_of_a_kinematic_body_is_set(sim: Simulation) -> None:
 def test_invalid_arguments_are_rejected(sim: Simulation) -> None:
     joint = sim.joint("fridge_door")
     for wrong in (-0.1, 1.1, math.nan):
-        with pytest.raises(InvalidArgumentError, match="give 0 to 1"):
+        with pytest.raises(InvalidArgumentError, match=r"fraction .*from 0 to 1"):
             joint.open(wrong)
     with pytest.raises(InvalidArgumentError, match="out of range"):
         joint.move_to(2.0)

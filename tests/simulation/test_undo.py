@@ -16,6 +16,7 @@ from mindstage.errors import (
     BodyNotFoundError,
     NothingToUndoError,
     PoseUnreachableError,
+    RobotModelError,
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
@@ -306,3 +307,85 @@ def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: 
         sim.run_on_engine(lambda engine: engine.set_pose(MUG, THERE), edits=True)
         raise RuntimeError
     assert sim.undo_stack.history.undo == ("fail",)
+
+
+# -- what is simulated -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def physics() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(bundled_ontology=False), MujocoEngine(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        yield sim
+
+
+def test_a_snapshot_has_a_joint_where_its_moved_holder_is(sim: Simulation) -> None:
+    sim.undo_stack.move(FRIDGE, Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0)))
+    before = sim.snapshot()
+    frame = next(each for each in before.joints if each.id == "FridgeHinge").pose
+    assert frame.position == pytest.approx((-1.68, 0.7, 0.9)), "before, it stayed where the fridge had been"
+    sim.undo_stack.delete([DOOR])
+    sim.undo_stack.undo()
+    assert is_same(before, sim.snapshot())
+
+
+def test_a_door_beyond_its_limit_is_restored_there(physics: Simulation) -> None:
+    joint = hinge(physics)
+    physics.undo_stack.move(DOOR, joint.pose_for("swing1", -pi / 4, poses(physics)))
+    point = joint.pull_target("swing1", -1.2, poses(physics))
+    physics.pull(DOOR, point=point.point, target=point.target)
+    physics.step(1.0)
+    physics.release()
+    beyond = joint.positions(poses(physics))["swing1"]
+    assert beyond < -pi / 4 - 1e-5, "the limit is soft"
+    for edit in (
+        lambda: physics.undo_stack.delete([DOOR, GRIP]),
+        lambda: physics.undo_stack.move(DOOR, joint.pose_for("swing1", -0.2, poses(physics))),
+    ):
+        edit()
+        physics.undo_stack.undo()
+        assert joint.positions(poses(physics))["swing1"] == pytest.approx(beyond, abs=1e-6)
+
+
+@pytest.mark.parametrize("link", ["upper_arm_link", "gripper_link", "base_link", "mobile_manipulator.odom"])
+def test_a_robot_stands_again_after_a_deletion_and_some_time(physics: Simulation, link: str) -> None:
+    robot = physics.add_robot("mobile_manipulator", Pose((0.3, -1.5, 0.0)))
+    physics.step(0.2)
+    before, commands = physics.snapshot(), physics.run_on_engine(lambda engine: engine.actuator_states())
+    physics.undo_stack.delete([BodyId(link)])
+    physics.undo_stack.undo()
+    assert is_same(before, physics.snapshot())
+    restored = physics.run_on_engine(lambda engine: engine.actuator_states())
+    assert {name: each.command for name, each in restored.items()} == {
+        name: each.command for name, each in commands.items()
+    }
+    height = robot.link_pose("head_pan_link")[2]
+    physics.step(0.5)
+    assert robot.link_pose("head_pan_link")[2] == pytest.approx(height, abs=0.01), "its drives hold it"
+    physics.undo_stack.delete([BodyId(link)])
+    physics.step(0.1)
+    physics.undo_stack.undo()
+    assert robot.exists
+    assert len(physics.run_on_engine(lambda engine: engine.actuator_states())) == len(commands)
+
+
+def test_bodies_that_move_one_another_are_moved_back(sim: Simulation) -> None:
+    before = sim.snapshot()
+    moves = {GRIP: Pose((1.0, 3.0, 1.0)), FRIDGE: Pose((2.5, 2.0, 0.9)), HANDLE: Pose((1.0, -1.0, 0.6))}
+    for order in (list(moves), list(moves)[::-1]):
+        sim.undo_stack.move_all({id: moves[id] for id in order})
+        sim.undo_stack.undo()
+        assert is_same(before, sim.snapshot())
+
+
+def test_a_robot_that_cannot_be_added_deletes_nothing(physics: Simulation) -> None:
+    for name in ("ann", "bob"):
+        physics.add_robot("mobile_manipulator", Pose((0.3, -1.5 if name == "ann" else 2.5, 0.0)), name=name)
+    physics.undo_stack.rename(MUG, "x")
+    physics.remove_robot("bob")
+    physics.undo_stack.reset()  # its bodies are there again
+    before = set(physics.state.ids)
+    with pytest.raises(RobotModelError):
+        physics.add_robot("mobile_manipulator", name="bob")
+    assert set(physics.state.ids) == before
+    assert physics.add_robot("mobile_manipulator", Pose((-2.0, 0.0, 0.0))).body_ids.isdisjoint(before)

@@ -51,6 +51,7 @@ class FakeScene:
         return self.nodes[name]
 
     add_frame = add_glb = add_mesh_simple = add_line_segments = add_grid = add_label = add_transform_controls = add
+    add_icosphere = add
     add_light_hemisphere = add_light_directional = add_light_point = add
 
     def add_batched_glb(self, name: str, data: bytes, wxyzs: Any, positions: Any, **properties: Any) -> FakeNode:

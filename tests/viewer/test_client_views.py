@@ -18,7 +18,7 @@ from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.transforms import pose_array
 from mindstage.viewer import client_views as camera_module
-from mindstage.viewer.client_views import ClientViews, GizmoMode, MountCulling
+from mindstage.viewer.client_views import ClientViews, Ghost, GizmoMode, MountCulling, Snapping
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeClient, FakeServer
 
@@ -161,6 +161,35 @@ def test_requests_for_disconnected_clients_are_ignored(server: FakeServer, views
     assert views.clients == ()
 
 
+def test_clients_differ_in_what_each_has_set_and_share_what_was_set_for_all(
+    server: FakeServer, views: ClientViews, ann: FakeClient
+) -> None:
+    bob = connect(server, views, FakeClient(2))
+    views.set_labels(LabelMode.ALL)
+    views.set_labels(LabelMode.NONE, client=1)
+    views.set_clip_height(1.5)
+    views.set_clip_height(None, client=2)
+    views.set_camera(AFAR, client=2)
+    views.select(MUG)
+    views.select(DRAWER, client=1)
+    views.show_preview(DRAWER, Pose((1.0, 0.0, 0.0)), client=1)
+    views.process_queue()
+    cleo = connect(server, views, FakeClient(3))
+    assert [labels(each) for each in (ann, bob, cleo)] == [set(), set(IDS), set(IDS)]
+    assert [views.clip_height(each) for each in (1, 2, 3, 4)] == [1.5, None, 1.5, None]
+    assert [views.selected(each) for each in (1, 2, 3)] == [DRAWER, MUG, MUG]
+    assert ["/previews/Drawer" in each.scene.nodes for each in (ann, bob, cleo)] == [True, False, False]
+    assert [eye(each).tolist() for each in (ann, bob, cleo)] == [[9, 0, 9], [9, 9, 9], [9, 0, 9]]
+    server.disconnect(bob)
+    views.process_queue()
+    assert views.clients == (1, 3), "of several clients the one that left is forgotten"
+    views.select(None)
+    views.process_queue()
+    dan = connect(server, views, FakeClient(2))
+    assert views.selection(2) == ()
+    assert "/selected" not in dan.scene.nodes
+
+
 # -- nodes of one client -----------------------------------------------------------------------------------------------
 
 
@@ -176,6 +205,7 @@ def test_selection_box_and_label_move_with_the_body(views: ClientViews, ann: Fak
     views.set_labels(LabelMode.SELECTED)
     views.process_queue()
     assert middles(ann) == [pytest.approx([2.0, 0.0, 0.85])]
+    assert np.asarray(state(ann, "/selected")["content"][0]).shape == (12, 2, 3), "the ends of twelve edges"
     poses = POSES.copy()
     poses[IDS.index(MUG), :3] = 1.0, 2.0, 3.0
     views.update_poses(poses)
@@ -292,6 +322,114 @@ def test_the_gizmo_follows_the_selection(views: ClientViews, ann: FakeClient) ->
     assert "/gizmo" not in ann.scene.nodes
 
 
+def turned(degrees: float, axis: tuple[float, float, float], position: Vector = (0.0, 0.0, 0.0)) -> Pose:
+    half = np.radians(degrees) / 2
+    x, y, z = (float(np.sin(half)) * each for each in axis)
+    return Pose(position, (float(np.cos(half)), x, y, z))
+
+
+Z = (0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("snapping", "start", "moved", "expected"),
+    [
+        (Snapping(), Pose((0.1, 0.2, 0.3)), Pose((0.123, 0.2, 0.9)), Pose((0.123, 0.2, 0.9))),
+        # multiples of the step in the world, only along the axes that were moved
+        (Snapping(step_m=0.25), Pose((0.1, 0.2, 0.3)), Pose((0.7, 0.2, 0.3)), Pose((0.75, 0.2, 0.3))),
+        (Snapping(step_m=0.25), Pose((0.1, 0.2, 0.3)), Pose((-0.4, 0.2, 1.1)), Pose((-0.5, 0.2, 1.0))),
+        (Snapping(step_m=0.25), Pose(), turned(37.0, Z), turned(37.0, Z)),
+        # multiples of the angle from the start, about the same axis, the shorter way
+        (Snapping(step_deg=15.0), Pose(), turned(37.0, Z), turned(30.0, Z)),
+        (Snapping(step_deg=15.0), Pose(), turned(-38.0, Z), turned(-45.0, Z)),
+        (Snapping(step_deg=15.0), turned(10.0, Z), turned(47.0, Z), turned(40.0, Z)),
+        (Snapping(step_deg=15.0), Pose(), turned(330.0, Z), turned(-30.0, Z)),
+        (Snapping(step_deg=90.0), Pose(), turned(100.0, (0.0, 1.0, 0.0)), turned(90.0, (0.0, 1.0, 0.0))),
+        (Snapping(step_deg=15.0), Pose(), Pose((0.11, 0.0, 0.0)), Pose((0.11, 0.0, 0.0))),
+        # a tenth of the motion, not rounded
+        (Snapping(precise=True), Pose((1.0, 0.0, 0.0)), Pose((2.0, 0.0, -1.0)), Pose((1.1, 0.0, -0.1))),
+        (Snapping(precise=True, step_m=0.5, step_deg=45.0), Pose(), turned(50.0, Z, (1.0, 0.0, 0.0)),
+         turned(5.0, Z, (0.1, 0.0, 0.0))),
+    ],
+)  # fmt: skip
+def test_motions_of_the_gizmo_are_rounded(snapping: Snapping, start: Pose, moved: Pose, expected: Pose) -> None:
+    found = snapping.apply(start, moved)
+    assert found.position == pytest.approx(expected.position, abs=1e-9)
+    same = np.dot(found.quaternion, expected.quaternion)
+    assert abs(same) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_gizmo_moves_all_selected_bodies_rigidly_and_rounds_the_motion(
+    views: ClientViews, ann: FakeClient, on_place: RecordedMoves
+) -> None:
+    views.set_snapping(Snapping(step_m=0.5, step_deg=90.0), client=1)
+    views.select_several([DRAWER, MUG])
+    views.set_gizmo(GizmoMode.MOVE)
+    views.process_queue()
+    handles = ann.scene.nodes["/gizmo"]
+
+    def drag(phase: str, pose: Pose) -> None:
+        vars(handles).update(position=np.array(pose.position), wxyz=np.array(pose.quaternion))
+        vars(handles)["update"](SimpleNamespace(phase=phase, target=handles))
+        views.process_queue()
+
+    drag("start", Pose((2.0, 0.0, 0.85)))
+    drag("update", turned(80.0, Z, (3.1, 0.0, 0.85)))
+    assert state(ann, "/previews/Mug")["position"] == pytest.approx([3.0, 0.0, 0.85])
+    # the drawer is 0.05 m beside the mug in -x, so it turns to -y
+    assert state(ann, "/previews/Drawer")["position"] == pytest.approx([3.0, -0.05, 0.65])
+    drag("end", turned(80.0, Z, (3.1, 0.0, 0.85)))
+    ((client, id, pose),) = on_place.moves
+    assert (client, id) == (1, MUG)
+    assert pose.position == pytest.approx((3.0, 0.0, 0.85))
+    assert pose.quaternion == pytest.approx(turned(90.0, Z).quaternion)
+    assert not [name for name in ann.scene.nodes if name.startswith("/previews/")]
+    assert state(ann, "/gizmo")["position"] == pytest.approx([2.0, 0.0, 0.85]), "it is back at the body"
+
+
+def test_a_ghost_changes_its_color_where_it_is_blocked(views: ClientViews, ann: FakeClient) -> None:
+    visuals = compute_appearance(WORLD, KNOWLEDGE.shape_rule, KNOWLEDGE.ancestors)[MUG].visuals
+
+    def shown(ghost: Ghost | None) -> dict[str, Any]:
+        views.show_ghost(ghost, client=1)
+        views.process_queue()
+        return state(ann, "/ghost") if "/ghost" in ann.scene.nodes else {}
+
+    free = Ghost(key="cup", visuals=visuals, pose=turned(90.0, Z, (1.0, 2.0, 3.0)), is_free=True)
+    node = shown(free)
+    assert node["position"] == pytest.approx([1.0, 2.0, 3.0])
+    assert node["wxyz"] == pytest.approx(turned(90.0, Z).quaternion)
+    red, green, _ = node["color"]
+    assert green > red
+    assert 0.0 < node["opacity"] < 1.0
+    with ann.scene.recording() as messages:
+        assert shown(replace(free, pose=Pose((4.0, 2.0, 3.0))))["position"] == pytest.approx([4.0, 2.0, 3.0])
+    assert ("/ghost", "add") not in messages, "it is moved, not drawn again"
+    red, green, _ = shown(replace(free, is_free=False))["color"]
+    assert red > green
+    assert shown(None) == {}
+    assert shown(None) == {}
+
+
+def test_a_measurement_has_its_points_a_line_and_a_label_in_the_middle(views: ClientViews, ann: FakeClient) -> None:
+    def shown(*points: Vector) -> dict[str, Any]:
+        views.show_measurement(points, "2.00 m", client=1)
+        views.process_queue()
+        return {name: vars(node) for name, node in ann.scene.nodes.items() if name.startswith("/measurement")}
+
+    (one,) = shown((1.0, 2.0, 3.0)).values()
+    assert one["position"] == (1.0, 2.0, 3.0)
+    both = shown((1.0, 2.0, 3.0), (1.0, 4.0, 3.0))
+    points = [both[f"/measurement/{number}"]["position"] for number in (0, 1)]
+    assert points == [(1.0, 2.0, 3.0), (1.0, 4.0, 3.0)]
+    assert np.asarray(both["/measurement/line"]["content"][0]).tolist() == [[[1, 2, 3], [1, 4, 3]]]
+    assert (both["/measurement/label"]["content"], both["/measurement/label"]["position"]) == (
+        ("2.00 m",),
+        (1.0, 3.0, 3.0),
+    )
+    assert shown() == {}
+
+
 def test_bodies_are_hidden_until_they_are_removed(views: ClientViews) -> None:
     views.show_bodies([MUG, DRAWER], False)
     views.show_bodies([DRAWER], True)
@@ -323,6 +461,17 @@ def test_the_home_view_depends_on_the_aspect_ratio(server: FakeServer, views: Cl
     assert eye(desktop) == pytest.approx(target.camera(1.6).position)
 
 
+def test_without_a_scene_the_home_view_is_where_the_camera_is(server: FakeServer, on_place: RecordedMoves) -> None:
+    views = ClientViews(server, on_place=on_place)  # type: ignore[arg-type]
+    ann = connect(server, views, FakeClient(1))
+    for request in (views.go_home, views.go_top, views.focus):
+        request()
+        views.process_queue()
+    assert eye(ann).tolist() == [9.0, 0.0, 9.0]
+    assert not views.is_drawn
+    assert views.target is None
+
+
 def test_the_camera_is_animated(views: ClientViews, ann: FakeClient, monkeypatch: pytest.MonkeyPatch) -> None:
     views.set_camera(AFAR)
     views.process_queue()
@@ -349,6 +498,57 @@ def test_home_view_top_view_and_focus_are_animated(
         views.process_queue()
         finish_camera_move(views, monkeypatch)
         assert eye(ann) == pytest.approx(view.position)
+
+
+@pytest.mark.parametrize(
+    ("position", "look_at", "is_seen"),
+    [
+        ((2.0, -2.0, 0.85), (2.0, 0.0, 0.85), True),
+        ((2.0, -2.0, 0.85), (2.0, -4.0, 0.85), False),  # behind the camera
+        ((2.0, -2.0, 0.85), (3.0, -2.0, 0.85), False),  # beside the picture
+        ((2.0, -2.0, 0.85), (3.0, 0.0, 0.85), True),  # 26.6 degrees to the side, of 28.7
+        ((2.0, -2.0, 0.85), (3.3, 0.0, 0.85), False),  # 33 degrees to the side
+        ((2.0, -2.0, 0.85), (2.0, 0.0, 1.45), True),  # 16.7 degrees below the middle, of 20
+        ((2.0, -2.0, 0.85), (2.0, 0.0, 1.75), False),  # 24 degrees below
+        ((2.0, -2.0, 0.85), (2.0, 0.0, -0.05), False),  # 24 degrees above
+        ((2.0, -20.0, 0.85), (2.0, 0.0, 0.85), False),  # 0.1 m of a picture that is 14.6 m high
+        ((2.0, 0.0, 3.0), (2.0, 0.0, 0.0), True),  # from above, where no direction is to the right
+    ],
+)
+def test_a_highlighted_body_is_noticed_in_the_middle_of_the_picture(
+    views: ClientViews, ann: FakeClient, position: Vector, look_at: Vector, is_seen: bool
+) -> None:
+    views.set_camera(CameraPose(position, look_at, 0.7), client=1)
+    views.process_queue()
+    assert views.clients_not_seeing([MUG]) == (() if is_seen else (1,))
+
+
+def test_one_visible_body_of_many_is_enough_and_each_client_is_asked(
+    server: FakeServer, views: ClientViews, ann: FakeClient
+) -> None:
+    connect(server, views, FakeClient(2))
+    views.set_camera(CameraPose((2.0, -2.0, 0.85), (2.0, 0.0, 0.85), 0.7), client=1)
+    views.set_camera(CameraPose((2.0, -2.0, 0.85), (2.0, -4.0, 0.85), 0.7), client=2)
+    views.process_queue()
+    assert views.clients_not_seeing([BodyId("Floor"), MUG]) == (2,)
+    assert views.clients_not_seeing([BodyId("gone"), MUG]) == (2,)
+    assert views.clients_not_seeing([BodyId("gone")]) == ()
+
+
+def test_the_camera_shows_points_from_where_it_is(
+    views: ClientViews, ann: FakeClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    views.set_camera(CameraPose((5.0, 0.0, 1.0), (2.0, 0.0, 1.0), 0.7))
+    views.focus_points([(0.0, 0.0, 1.0), (0.0, 1.0, 1.0)], client=1)
+    views.process_queue()
+    finish_camera_move(views, monkeypatch)
+    assert vars(ann.camera)["look_at"] == pytest.approx([0.0, 0.5, 1.0], abs=0.05)
+    x, y, z = eye(ann)
+    assert 0.5 < x < 5.0, "nearer, and on the same side"
+    views.focus_points([], client=1)
+    views.process_queue()
+    finish_camera_move(views, monkeypatch)
+    assert eye(ann).tolist() == [x, y, z]
 
 
 def test_the_clipping_height_is_a_node_of_the_scene(views: ClientViews, ann: FakeClient) -> None:

@@ -199,6 +199,9 @@ def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physic
         (shown,) = page._server.get_clients().values()
 
         def is_turned() -> bool:
+            for wrong in ({"position": "x"}, {"look_at": [1, 2]}, {"position": [float("nan"), 0, 0]}, {"fov": {}}):
+                view.send(msgspec.msgpack.encode(camera | wrong))  # is dropped
+            view.send(b"no message")
             view.send(msgspec.msgpack.encode(camera))  # again, since the viewer sets the first view meanwhile
             return bool(shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0])
 
@@ -325,6 +328,26 @@ def test_a_disconnected_client_releases_its_slider(physics_simulation: Simulatio
         client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3, done=False)
         assert physics_simulation._perturbations
     wait_until(lambda: not physics_simulation._perturbations, "everything is released")
+
+
+def test_what_a_disconnected_client_moved_is_a_step_of_its_own(
+    physics_simulation: Simulation, page: Viewer, client: PageClient
+) -> None:
+    with connect_page_client(page.url) as other:
+        wait_until(lambda: other.latest_value("scene_tree"), "the scene tree is received")
+        other.ask("move_joint", id="DrawerSlide", axis="x", value=-0.1, done=False)
+        client.ask("move_joint", id="FridgeHinge", axis="swing1", value=-0.2, done=False)
+    wait_until(lambda: len(page.channel.sessions) == 1, "the other client is gone")
+    client.ask("move_joint", id="FridgeHinge", axis="swing1", value=-0.3)
+    client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.65)
+    client.ask("undo")
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.85), "where the other client has left it"
+    client.ask("undo")
+    assert at(physics_simulation, BodyId("FridgeDoor"))[:2] == pytest.approx((1.68, 1.0)), "the motions of one drag"
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.85)
+    client.ask("undo")
+    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95)
 
 
 def test_classes_are_found_by_a_part_of_the_name_best_match_first(client: PageClient) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from mindstage.scene.transforms import Array
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_page import FakePage, RequestFailedError
+from tests.viewer.page_client import connect_page_client
 from tests.viewer.page_tab import PageTab
 from tests.viewer.waiting import wait_until
 
@@ -243,3 +245,155 @@ def test_an_engine_without_actuators_shows_robots_and_refuses_motions() -> None:
                 page.ask("robots.move_joint", robot=name, joint="head_pan_joint", position=0.1)
             page.ask("robots.remove", robot=name)
             assert page.latest_value("robots") == []
+
+
+# -- without a browser -------------------------------------------------------------------------------------------------
+
+
+def robot_state(viewer: Viewer, page: FakePage) -> dict[str, Any]:
+    """What pages are told about the robot now."""
+    viewer._robots.publish()
+    return dict(page.latest_value("robot_states")[NAME])
+
+
+@pytest.fixture
+def listener(viewer: Viewer) -> Iterator[None]:
+    """A page, without which states are not published."""
+    with connect_page_client(viewer.url) as client:
+        wait_until(lambda: viewer.channel.sessions, "it is connected")
+        yield
+        client.receive()  # a connection with unread messages is closed slowly
+
+
+def test_a_page_gets_all_joints_with_their_limits_and_groups(fake: FakePage, robot: Robot) -> None:
+    (found,) = fake.latest_value("robots")
+    model = robot.model
+    assert (found["name"], found["model"], found["base"]) == (NAME, model.name, {"type": model.base.type.value})
+    assert found["arms"] == [{"name": "arm", "gripper": "gripper"}]
+    (gripper,) = model.grippers
+    assert found["grippers"] == [{"name": "gripper", "max_opening_m": gripper.max_opening_m}]
+    (arm,) = model.arms
+    groups = {
+        **dict.fromkeys(arm.joints, "arm"),
+        **dict.fromkeys(gripper.joints, "gripper"),
+        "head_pan_joint": "head",
+        "head_tilt_joint": "head",
+    }
+    assert found["joints"] == [
+        {
+            "name": joint.name,
+            "lower": joint.lower,
+            "upper": joint.upper,
+            "slides": "prismatic" in joint.type.value,
+            "group": groups.get(joint.name, ""),
+        }
+        for joint in model.actuated_joints
+    ]
+    assert any(each["slides"] for each in found["joints"])
+    assert found["sensors"] == [f"{each.name} ({each.type.value})" for each in model.sensors] != []
+    assert "/" not in found["source"]
+
+
+def test_a_page_gets_the_installed_models_and_a_form_for_each_skill(fake: FakePage) -> None:
+    offer = fake.ask("robots.offer")
+    assert NAME in [each["name"] for each in offer["models"]]
+    assert all(each["title"] for each in offer["models"])
+    forms = {each["name"]: each for each in offer["skills"]}
+    assert list(forms) == list(SKILLS)
+    for name, spec in SKILLS.items():
+        fields = forms[name]["arguments"]
+        assert [(each["name"], each["required"]) for each in fields] == [
+            (each.name, each.required) for each in spec.parameters
+        ]
+        assert all(each["text"] for each in (*fields, forms[name]))
+    go_to = {each["name"]: each for each in forms["go_to"]["arguments"]}
+    assert {go_to[name]["kind"] for name in ("x", "y", "yaw")} == {"number"}
+    (thing,) = (each for each in forms["open"]["arguments"] if each["name"] == "thing")
+    assert thing["completion"] == "INDIVIDUAL"
+
+
+@pytest.mark.usefixtures("listener")
+def test_the_state_of_a_robot_follows_its_joints_its_gripper_and_its_base(
+    fake: FakePage, viewer: Viewer, robot: Robot
+) -> None:
+    start = robot_state(viewer, fake)
+    assert start["positions"].keys() == robot.joint_positions().keys()
+    assert (start["held"], start["skill"]) == ({}, None)
+    assert start["base"] == pytest.approx((*START, 0.0), abs=0.01)
+    fake.ask("robots.move_joint", robot=NAME, joint="head_pan_joint", position=0.6)
+    fake.ask("robots.grip", robot=NAME, gripper="gripper", opening_m=0.08)
+    wait_until(lambda: abs(robot_state(viewer, fake)["positions"]["head_pan_joint"] - 0.6) < 0.01, "the head turns")
+    wait_until(lambda: abs(robot_state(viewer, fake)["openings"]["gripper"] - 0.08) < 0.004, "the gripper opens")
+
+
+@pytest.mark.parametrize(
+    ("velocity", "expected"),
+    [
+        ((0.0, 0.5, 0.0), (0.0, 0.5, 0.0)),
+        ((-1.0, -1.0, 0.0), (-(0.5**0.5), -(0.5**0.5), 0.0)),
+        ((0, 0, -1), (0, 0, -1)),
+    ],
+)
+def test_driving_is_in_shares_of_the_largest_velocities(
+    fake: FakePage, robot: Robot, velocity: tuple[float, float, float], expected: tuple[float, float, float]
+) -> None:
+    base = robot.model.base
+
+    def is_there() -> bool:
+        fake.ask("robots.drive", robot=NAME, velocity=velocity)
+        odometry = robot.odometry()
+        found = (odometry.vx / base.velocity, odometry.vy / base.velocity, odometry.wz / base.turn_velocity)
+        return bool(np.allclose(found, expected, atol=0.05))
+
+    wait_until(is_there, "it drives as fast")
+
+
+@pytest.mark.usefixtures("listener")
+def test_the_state_of_a_skill_is_that_of_its_steps_and_its_end(fake: FakePage, viewer: Viewer, robot: Robot) -> None:
+    def skill() -> dict[str, Any]:
+        return dict(robot_state(viewer, fake)["skill"])
+
+    args = {"x": "0.3", "y": "-1.3", "yaw": "0.5"}
+    fake.ask("robots.skill", robot=NAME, skill="go_to", args=args)
+    assert (skill()["state"], skill()["skill"], skill()["args"]) == ("running", "go_to", args)
+    wait_until(lambda: skill()["state"] == "done", "it ends")
+    assert (skill()["outcome"], skill()["step"]) == ("succeeded", "")
+    assert "stands at (0.30, -1.30)" in skill()["reason"]
+    assert skill()["time_s"] > 0.3
+    assert robot_state(viewer, fake)["base"] == pytest.approx((0.3, -1.3, 0.5), abs=0.03)
+    fake.ask("robots.skill", robot=NAME, skill="go_to", args={"x": "2.0", "y": "0.0", "yaw": "0"})
+    wait_until(lambda: skill()["state"] == "done", "it ends")
+    assert skill()["outcome"] == "failed"
+    assert "Cupboard" in skill()["reason"]
+    assert skill()["suggestion"]
+    fake.ask("robots.skill", robot=NAME, skill="go_to", args={"x": "-0.6", "y": "1.8", "yaw": "3"})
+    fake.ask("robots.stop", robot=NAME)
+    assert (skill()["state"], skill()["outcome"]) == ("done", "canceled")
+
+
+@pytest.mark.usefixtures("listener")
+def test_handles_and_regions_are_shown_until_they_are_hidden_or_the_robot_is_removed(
+    fake: FakePage, viewer: Viewer, simulation: Simulation, robot: Robot
+) -> None:
+    second = fake.ask("robots.add", model=NAME, at=[-1.0, 2.0, 0.0])
+    for name in (NAME, second):
+        fake.ask("robots.target", robot=name, arm="arm", shown=True)
+        fake.ask("robots.region", robot=name, arm="arm", shown=True, height_m=0.8)
+    states = fake.latest_value("robot_states")
+    assert [states[name]["targets"]["arm"] for name in (NAME, second)] == [
+        {"shown": True, "reason": "", "region": True}
+    ] * 2
+    fake.ask("robots.target", robot=second, arm="arm", shown=False)
+    states = fake.latest_value("robot_states")
+    assert [states[name]["targets"]["arm"]["shown"] for name in (NAME, second)] == [True, False]
+    fake.ask("robots.remove", robot=second)
+    assert [each["name"] for each in fake.latest_value("robots")] == [NAME]
+    assert list(simulation.robots) == [NAME]
+    assert fake.latest_value("robot_states").keys() == {NAME}
+    again = fake.ask("robots.add", model=NAME, at=[-1.0, 2.0, 0.0])
+    assert again == second
+    state = fake.latest_value("robot_states")[again]["targets"]["arm"]
+    assert (state["shown"], state["region"]) == (False, False), "nothing of the removed one is left"
+    fake.ask("robots.remove", robot=again)
+    fake.ask("robots.region", robot=NAME, arm="arm", shown=False)
+    assert not fake.latest_value("robot_states")[NAME]["targets"]["arm"]["region"]

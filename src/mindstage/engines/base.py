@@ -20,6 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import Duration
+from mindstage.ranges import Factor, Finite, ForceVector, NotNegative, Point, check_fields
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
 from mindstage.scene.display import counted, html_table
 
@@ -28,6 +30,7 @@ __all__ = [
     "Actuator",
     "ActuatorMode",
     "ActuatorState",
+    "BodySavingEngine",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -38,6 +41,7 @@ __all__ = [
     "PoseArray",
     "RebuildTime",
     "RebuildingEngine",
+    "SavedBodies",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
@@ -51,6 +55,10 @@ PoseArray = NDArray[np.float64]
 
 SavedState = NewType("SavedState", object)
 """The opaque result of `save_state`; only the engine that made it can restore it."""
+
+
+SavedBodies = NewType("SavedBodies", object)
+"""The opaque result of `save_bodies`; only the engine that made it can restore it."""
 
 
 class Capability(StrEnum):
@@ -70,6 +78,8 @@ class Capability(StrEnum):
     """`stats`."""
     ACTUATORS = "actuators"
     """`set_actuators`, `set_commands` and `actuator_states`."""
+    SAVE_BODIES = "save bodies"
+    """The methods of `BodySavingEngine`."""
 
 
 class ActuatorMode(StrEnum):
@@ -97,16 +107,19 @@ class Actuator(msgspec.Struct, frozen=True, kw_only=True):
     """Of "x", "y", "z" (translations), "twist", "swing2", "swing1" (rotations about x, y, z of the joint frame); empty
     for the first axis that is not locked."""
     mode: ActuatorMode = ActuatorMode.POSITION
-    effort_limit: float
+    effort_limit: NotNegative
     """[N] or [Nm]."""
-    stiffness: float = 0.0
+    stiffness: NotNegative = 0.0
     """[N/m] or [Nm/rad]; only for POSITION."""
-    damping: float = 0.0
+    damping: NotNegative = 0.0
     """[Ns/m] or [Nms/rad]; for POSITION and VELOCITY."""
-    armature: float = 0.0
+    armature: NotNegative = 0.0
     """Inertia of the drive, as seen at the joint [kg] or [kg m²]."""
-    friction: float = 0.0
+    friction: NotNegative = 0.0
     """Dry friction of the joint, in place of that of a joint without a drive [N] or [Nm]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class ActuatorState(msgspec.Struct, frozen=True, kw_only=True):
@@ -154,12 +167,15 @@ class Contact(msgspec.Struct, frozen=True, kw_only=True):
 class DynamicsScale(msgspec.Struct, frozen=True, kw_only=True):
     """Factors for the dynamics of a body, relative to its description."""
 
-    mass: float = 1.0
+    mass: Factor = 1.0
     """Factor of the mass and the moments of inertia."""
-    friction: float = 1.0
+    friction: Factor = 1.0
     """Factor of the sliding friction; it has no effect against a body that is more slippery by its description."""
-    joint_friction: float = 1.0
+    joint_friction: Factor = 1.0
     """Factor of the friction and the damping of the joint that moves the body."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class SpawnFailure(msgspec.Struct, frozen=True):
@@ -404,7 +420,7 @@ class Engine(Protocol):
     def highlights(self) -> Mapping[BodyId, Color]:
         """The highlighted bodies and their colors."""
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         """Applies a force to a body throughout the next `step`.
 
         Forces on one body add up. Static and kinematic bodies are not affected.
@@ -418,7 +434,7 @@ class Engine(Protocol):
             BodyNotFoundError: the body is unknown.
         """
 
-    def step(self, duration_s: float) -> None:
+    def step(self, duration_s: Duration) -> None:
         """Advances the simulation.
 
         Args:
@@ -445,7 +461,10 @@ class Engine(Protocol):
         """Current activity; cheap enough to call after every step (capability STATISTICS)."""
 
     def snapshot(self) -> World:
-        """The current world. Bodies that have not moved are returned exactly as they were spawned."""
+        """The current world. Bodies that have not moved are returned exactly as they were spawned.
+
+        A joint is at its place on the body that holds it, and moves with that one.
+        """
 
     def save_state(self) -> SavedState:
         """Saves the complete state, including which bodies exist (capability SAVE)."""
@@ -471,7 +490,6 @@ class Engine(Protocol):
 
         Raises:
             BodyNotFoundError: for the first unknown id; nothing changes then.
-            ValueError: a factor is not a positive number.
         """
 
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
@@ -488,16 +506,15 @@ class Engine(Protocol):
 
         Raises:
             BodyNotFoundError: a joint or body does not exist; nothing changes then.
-            ValueError: a joint cannot move along an axis, has another actuator there, or a number is not finite or
-                negative; nothing changes then.
+            ValueError: a joint cannot move along an axis, or has another actuator there; nothing changes then.
         """
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         """Sets the commands of actuators by name (capability ACTUATORS); quick, and without a rebuild.
 
         Raises:
             KeyError: there is no such actuator; nothing changes then.
-            ValueError: a command is not finite; nothing changes then.
+            NumberRefusedError: a command is not finite; nothing changes then.
         """
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
@@ -508,6 +525,38 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """Closes the engine; closing it again has no effect."""
+
+
+class BodySavingEngine(Engine, Protocol):
+    """An engine that restores deleted bodies exactly (capability SAVE_BODIES), while others stay where they are."""
+
+    def save_bodies(self) -> SavedBodies:
+        """Saves how all bodies are simulated, without their velocities; quick, and small."""
+
+    def restore_pose(self, id: BodyId, pose: Pose) -> None:
+        """Sets a pose that a body had: unlike `set_pose`, also where physics had pushed it beyond a limit of its joint.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+            PoseUnreachableError: the joint does not allow the pose, nor one near it.
+        """
+
+    def restore_bodies(
+        self, saved: SavedBodies, poses: Mapping[BodyId, PoseArray], *, displaced: Mapping[BodyId, PoseArray]
+    ) -> None:
+        """Adds bodies again that were deleted since, at rest.
+
+        They have their joints and attachments to bodies that exist, at any position of the joints, their actuators with
+        commands, and collide with what they collided with: nothing is decided anew, as a spawn does.
+
+        Args:
+            saved: the result of `save_bodies`.
+            poses: the bodies to restore, and their poses: seven numbers, with unit quaternions.
+            displaced: poses to which bodies that exist are moved first, with all that is connected to them.
+
+        Raises:
+            BodyExistsError: an id is in use; nothing changes then.
+        """
 
 
 @runtime_checkable
@@ -542,7 +591,7 @@ class RebuildTime(msgspec.Struct, frozen=True, kw_only=True):
 class InterruptibleEngine(Protocol):
     """An engine whose steps can be divided by wall time, so that the thread that steps it can do something else."""
 
-    def step_for(self, duration_s: float, *, wall_s: float) -> float:
+    def step_for(self, duration_s: Duration, *, wall_s: float) -> float:
         """Like `Engine.step`, but stops after a wall time [s], though not before one time step.
 
         Returns:

@@ -335,6 +335,12 @@ class PhysicsModelBuilder:
             stack += on_joint.get(body, ())
         return result
 
+    def connected_bodies(self, id: BodyId) -> list[BodyId]:
+        """A body and all bodies that attachments and joints connect with it."""
+        forest = self.forest
+        units, unit = forest.units(), forest.unit_of(forest.root_of[id])
+        return [body for root in units if units[root] == unit for body in forest.groups[root].bodies]
+
     # -- edits -------------------------------------------------------------------------------------------------
 
     def add(
@@ -416,6 +422,37 @@ class PhysicsModelBuilder:
         self._loose_roots = None if self._loose_roots is None else self._loose_roots - removed
         self._forest = forest
         self._changed_bodies.update(*(self.bodies_moving_with(id) for id in (*orphans, *child_roots)))
+
+    def restore(self, before: PhysicsModelBuilder, ids: Collection[BodyId], poses: Array) -> None:
+        """Adds deleted bodies again as they were, with the decisions about them; see `BodySavingEngine`.
+
+        Args:
+            before: a copy of this builder that was made before they were deleted.
+            ids: the bodies.
+            poses: poses of all bodies so far.
+
+        Raises:
+            BodyExistsError: an id is in use; nothing is added then.
+        """
+        restored, links = set(ids), before.registry
+        pairs = [*links.parents.items(), *((joint.child, joint.parent) for joint in links.joints.values())]
+        neighbors = {end for pair in pairs if restored.intersection(pair) for end in pair}
+        for id in neighbors & self.registry.bodies.keys():
+            self._changed_bodies -= set(self.bodies_moving_with(id)) - before._changed_bodies
+        self.update_collisions(poses)
+        joints, children = self.registry.restore(links, ids)
+        self._forest = None
+        self.mass_properties.add(restored, before.geometry)
+        self.attachment_poses |= {child: before.attachment_poses[child] for child in children}
+        self.joint_frames |= {id: before.joint_frames[id] for id in joints}
+        self.simulated_joints |= {id: each for id, each in before.simulated_joints.items() if id in joints}
+        self.collision_filter.restore(before.collision_filter, restored, existing=self.registry.bodies.keys())
+        self.apart |= {pair for pair in before.apart if restored.intersection(pair)}
+        self.actuators.restore(before.actuators, restored, joints)
+        self.settled |= {id: each for id, each in before.settled.items() if id in restored}
+        self._below_ground |= before._below_ground & restored
+        self._changed_bodies |= before._changed_bodies & restored
+        self._collision_state = _CollisionState(self.forest, tuple(self.registry.joints.values()))
 
     def attach(self, parent: BodyId, child: BodyId, poses: Array) -> None:
         """See `Engine.attach`."""
@@ -668,7 +705,7 @@ class PhysicsModelBuilder:
         moved = {}
         for row, shift in settlement.shifts.items():
             moved[ids[row]] = np.concatenate([poses[row, :3] + shift, poses[row, 3:]])
-            self.settled[ids[row]] = SettledPose(moved[ids[row]], float(np.linalg.norm(shift)))
+            self.settled[ids[row]] = SettledPose(moved[ids[row]], poses[row].copy(), float(np.linalg.norm(shift)))
         return moved
 
     def _hold_crowd(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
@@ -711,7 +748,7 @@ class PhysicsModelBuilder:
             self.settled = {id: each for id, each in self.settled.items() if each.shift_m <= KEPT_POSE_TOLERANCE_M}
 
     def described_if_settled(self, poses: Array) -> Array:
-        """The poses for a snapshot: described ones for bodies that still are where the spawn moved them."""
+        """The poses for a snapshot: those before a spawn for bodies that still are where it moved them."""
         if not self.settled:
             return poses
         poses = poses.copy()
@@ -721,7 +758,7 @@ class PhysicsModelBuilder:
                 continue
             is_near = np.abs(poses[row, :3] - settled.pose[:3]).max() <= _RESTING_TOLERANCE
             if is_near and float(quat_angle(poses[row, 3:], settled.pose[3:])) <= _RESTING_TOLERANCE:
-                poses[row] = normalized_pose_array(self.registry.bodies[id].pose)
+                poses[row] = settled.before
         return poses
 
     def _update_place(self, new_ids: Sequence[BodyId], poses: Array, *, has_ground: bool) -> list[SpawnNote]:
@@ -820,6 +857,8 @@ class SettledPose:
     """Where a spawn moved a body."""
 
     pose: Array
+    before: Array
+    """Where it was before that: for a new body, the described pose."""
     shift_m: float
     """Distance from the described pose [m]."""
 

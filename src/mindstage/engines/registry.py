@@ -6,9 +6,10 @@ cycle of attachments) with the same messages in all engines, and builds the snap
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import hypot, isfinite
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
@@ -29,8 +30,8 @@ from mindstage.scene import (
     Pose,
     World,
 )
-from mindstage.scene.kinematics import without_lost_masters
-from mindstage.scene.transforms import Array, pose_array, pose_from_array, quat_angle
+from mindstage.scene.kinematics import moving_body, without_lost_masters
+from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, pose_multiply, quat_angle
 
 __all__ = ["MAX_COORDINATE_M", "MAX_SIZE_M", "AddResult", "EntityRegistry", "pose_error"]
 
@@ -39,6 +40,8 @@ MAX_COORDINATE_M = 1e8
 MAX_SIZE_M = 1e5
 """Larger bodies are refused."""
 _MIN_QUATERNION_NORM = 1e-6
+_FRAME_TOLERANCE = 1e-9
+"""A joint frame that differs by less from the described one is equal to it [m, rad], relative to larger coordinates."""
 _MAX_STRENGTH = 1e9
 """Largest stiffness and damping of a soft limit, in SI units."""
 
@@ -272,23 +275,74 @@ class EntityRegistry:
         }
         self._ids = None
 
+    def require_free(self, ids: Iterable[BodyId]) -> None:
+        """Checks that ids are not in use.
+
+        Raises:
+            BodyExistsError: for the first that is.
+        """
+        for id in ids:
+            if self._id_error(id):
+                raise BodyExistsError(id)
+
+    def restore(self, before: EntityRegistry, ids: Collection[BodyId]) -> tuple[set[BodyId], set[BodyId]]:
+        """Adds deleted bodies again, with their joints and attachments to bodies that exist.
+
+        Args:
+            before: a copy of this registry that was made before they were deleted.
+            ids: the bodies.
+
+        Returns:
+            The ids of the joints, and those of the attached children.
+
+        Raises:
+            BodyExistsError: the id of a body is in use; nothing is added then.
+        """
+        self.require_free(ids)
+        restored = set(ids)
+        self.bodies |= {id: body for id, body in before.bodies.items() if id in restored}
+        self.immovable |= before.immovable & restored
+        joints, children = set[BodyId](), set[BodyId]()
+        for joint in before.joints.values():
+            if restored & {joint.parent, joint.child} and not self._joint_error(joint):
+                self.joints[joint.id] = joint
+                joints.add(joint.id)
+        for child, parent in before.parents.items():
+            attachment = Attachment(parent=parent, child=child)
+            if restored & {parent, child} and not self._attachment_error(attachment):
+                self._link(parent, child)
+                children.add(child)
+        self._ids = None
+        return joints, children
+
     # -- snapshot --------------------------------------------------------------------------------------------
 
-    def to_world(self, poses: Array | None = None, *, tolerance_m: float = 0.0, tolerance_rad: float = 0.0) -> World:
+    def to_world(
+        self,
+        poses: Array | None = None,
+        *,
+        joint_frames: Mapping[BodyId, tuple[Array, Array]] = MappingProxyType({}),
+        tolerance_m: float = 0.0,
+        tolerance_rad: float = 0.0,
+    ) -> World:
         """Everything as one world, with the IRI and name of the world that was added first.
 
         Args:
             poses: current poses, n x 7 in the order of `ids`; None for the described ones.
+            joint_frames: each joint's frame in its parent and in its child. A joint is where the body that holds it has
+                moved it; without its frames, it is where it was described.
             tolerance_m: a body that is no farther from its described pose keeps it [m]; beyond a meter from the origin,
                 the tolerance is relative to the coordinates.
             tolerance_rad: the same for the rotation [rad].
         """
-        bodies = self.bodies.values() if poses is None else self._moved_bodies(poses, tolerance_m, tolerance_rad)
+        bodies = list(self.bodies.values())
+        if poses is not None:
+            bodies = self._moved_bodies(poses, tolerance_m, tolerance_rad)
         return World(
             iri=self._worlds[0].iri if self._worlds else Iri("http://mindstage.org/maps/empty.owl#map"),
             name=self._worlds[0].name if self._worlds else "",
             bodies=tuple(bodies),
-            joints=without_lost_masters(tuple(self.joints.values())),
+            joints=without_lost_masters(self._moved_joints(bodies, joint_frames)),
             attachments=tuple(Attachment(parent=parent, child=child) for child, parent in self.parents.items()),
             lights=tuple(self.lights.values()),
             facts=tuple(fact for world in self._worlds for fact in world.facts),
@@ -304,6 +358,31 @@ class EntityRegistry:
         for row in np.flatnonzero(~is_unmoved).tolist():
             bodies[row] = msgspec.structs.replace(bodies[row], pose=pose_from_array(poses[row]))
         return bodies
+
+    def _moved_joints(
+        self, bodies: Sequence[Body], joint_frames: Mapping[BodyId, tuple[Array, Array]]
+    ) -> tuple[Joint, ...]:
+        """The joints, at the poses to which the bodies that hold them have moved them."""
+        known = [joint for joint in self.joints.values() if joint.id in joint_frames]
+        if not known:
+            return tuple(self.joints.values())
+        by_id = {body.id: body for body in bodies}
+        at_ends = pose_array(by_id[id].pose for joint in known for id in (joint.parent, joint.child))
+        at_ends[:, 3:] = normalize(at_ends[:, 3:])
+        frames = np.array([joint_frames[joint.id] for joint in known]).reshape(-1, 7)
+        now = pose_multiply(at_ends, frames).reshape(-1, 2, 7)
+        described = pose_array(joint.pose for joint in known)[:, None]
+        scale = np.maximum(1.0, np.abs(described[..., :3]).max(axis=2))
+        is_moved = np.abs(now[..., :3] - described[..., :3]).max(axis=2) > _FRAME_TOLERANCE * scale
+        is_moved |= quat_angle(np.broadcast_to(described[..., 3:], now[..., 3:].shape), now[..., 3:]) > _FRAME_TOLERANCE
+        moved: dict[BodyId, Joint] = {}
+        for row in np.flatnonzero(is_moved.any(axis=1)).tolist():
+            joint = known[row]
+            _, holder = moving_body(joint, by_id[joint.parent], by_id[joint.child])
+            end = 0 if holder.id == joint.parent else 1
+            if is_moved[row, end]:
+                moved[joint.id] = msgspec.structs.replace(joint, pose=pose_from_array(now[row, end]))
+        return tuple(moved.get(joint.id, joint) for joint in self.joints.values())
 
 
 def pose_error(pose: Pose) -> str:

@@ -187,7 +187,9 @@ class ContactTracker:
             known = rows >= 0
             anchors, was_moving = np.full((n, 7), np.nan), np.zeros(n, dtype=bool)
             anchors[known], was_moving[known] = self._anchors[rows[known]], self._was_moving[rows[known]]
-            held = table.holder != np.where(known, self._table.holder[rows], -1)
+            holder = np.full(n, -1)
+            holder[known] = self._table.holder[rows[known]]
+            held = table.holder != holder
             anchors[held] = np.nan
         else:
             anchors, was_moving = np.full((n, 7), np.nan), np.zeros(n, dtype=bool)

@@ -208,7 +208,8 @@ class HandlingDetector:
 
     def _supports(self, id: BodyId, carry: _Carry, table: BodyTable) -> list[BodyId | None]:
         """What a body rests on, apart from what holds it."""
-        agent = -1 if carry.agent is None else int(table.group[table.row[carry.agent]])
+        row = None if carry.agent is None else table.row.get(carry.agent)  # None, too, if it was deleted
+        agent = -1 if row is None else int(table.group[row])
         return [
             each for each in self._contacts.supports_of(id) if each is None or table.group[table.row[each]] != agent
         ]
@@ -237,8 +238,8 @@ class HandlingDetector:
             if carry.left_s is None:
                 support, left_s = self._contacts.last_support.get(id, (None, time_s))
                 self._leave(carry, max(left_s, carry.path[0][0]), (support,))
-                if carry.left_place is None:
-                    carry.left_place = place
+            if carry.left_place is None:
+                carry.left_place = place
             if carry.released_s is None:
                 self._move(id, carry, time_s, place)
         if carry.released_s is not None and carry.landed_s is None:

@@ -83,7 +83,7 @@ def trial_options(options: Value, predicate: str) -> dict[str, Any]:
             case "check", (term,):
                 arguments["check"] = check_from_term(term)
             case "uncertainty", (thing, fields):
-                given = {field: number for field, (number,) in _option_terms(fields, predicate)}
+                given = _single_values(fields, predicate)
                 stated = _convert({"thing": _name(thing), **given}, Uncertainty, "uncertainty")
                 arguments["uncertainty"].append(stated)
             case _:
@@ -180,7 +180,7 @@ def _step_from_term(place: str, term: Value) -> dict[str, Any]:
         if field == "where":
             step |= _where(place, term.name, value)
         elif field == "values":
-            step |= {name: number for name, (number,) in _option_terms(value, place)}
+            step |= _single_values(value, place)
         elif field in _VECTORS:
             step[field] = _numbers(place, value, 3)
         else:
@@ -221,6 +221,17 @@ def _option_terms(options: Value, place: str) -> Iterator[tuple[str, tuple[Value
             yield _name(each.arguments[0]), (each.arguments[1],)
         else:
             yield each.name, tuple(each.arguments)
+
+
+def _single_values(options: Value, place: str) -> dict[str, Value]:
+    """Fields with one value each, as `mass_kg(2)` or `mass_kg=2`."""
+    found: dict[str, Value] = {}
+    for name, values in _option_terms(options, place):
+        if len(values) != 1:
+            cause = f"{_text(Compound(name, values))} has {len(values)} values"
+            raise InvalidArgumentError(place, cause=cause, remedy=f"give one, as in {name}(1)")
+        found[name] = values[0]
+    return found
 
 
 def _text(term: Value) -> str:

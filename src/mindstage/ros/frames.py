@@ -119,13 +119,14 @@ def joint_frames(world: World, spawned: Iterable[World]) -> Iterator[JointFrame]
     """
     bodies = {body.id: body for body in world.bodies}
     first_poses = {body.id: body.pose for each in spawned for body in each.bodies}
+    first_frames = {joint.id: joint.pose for each in spawned for joint in each.joints}
     for joint in world.joints:
         if joint.parent in bodies and joint.child in bodies and any(reach != 0.0 for reach in joint_reach(joint)):
             moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
             moving_from_joint, holder_from_joint = (
                 pose_multiply(
                     pose_inverse(normalized_pose_array(first_poses.get(body.id, body.pose))),
-                    normalized_pose_array(joint.pose),
+                    normalized_pose_array(first_frames.get(joint.id, joint.pose)),
                 )
                 for body in (moving, holder)
             )

@@ -19,23 +19,25 @@ class SimulationImage:
     state, the geometry and the knowledge base, and is unpacked once.
     """
 
-    def __init__(self, template: Simulation) -> None:
-        """See `capture`."""
+    def __init__(self, template: Simulation, *, earlier_notes: tuple[str, ...] = ()) -> None:
+        """See `capture`; the notes are those of the copy that was captured, if it was one."""
         self.key = uuid4().hex
         """Identifies the image, in all processes."""
         self._template: Simulation | None = template
         self._pickled = b""
+        self._earlier_notes = earlier_notes
 
     @classmethod
     def capture(cls, simulation: Simulation) -> SimulationImage:
         """The image of the current state of a simulation, which may continue to run; without physics, in MuJoCo."""
-        return cls(simulation.imagine(threaded=False, physics=True))
+        earlier = simulation.origin.notes if simulation.origin is not None else ()
+        return cls(simulation.imagine(threaded=False, physics=True), earlier_notes=earlier)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the image does not have in common with the original, one sentence each."""
         origin = self._unpacked().origin
-        return origin.notes if origin is not None else ()
+        return (*self._earlier_notes, *(origin.notes if origin is not None else ()))
 
     def restore(self, *, threaded: bool = False) -> Simulation:
         """Makes a simulation in exactly this state; the caller closes it.
@@ -61,4 +63,9 @@ class SimulationImage:
                 self._pickled = pickle.dumps(self._unpacked(), protocol=pickle.HIGHEST_PROTOCOL)
             except (pickle.PicklingError, TypeError, AttributeError) as error:
                 raise ImaginationError(f"the simulation cannot be copied to another process: {error}") from error
-        return {"key": self.key, "_template": None, "_pickled": self._pickled}
+        return {
+            "key": self.key,
+            "_template": None,
+            "_pickled": self._pickled,
+            "_earlier_notes": self._earlier_notes,
+        }

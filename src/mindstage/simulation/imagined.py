@@ -162,6 +162,11 @@ class EditRecordingEngine:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._engine, name)
 
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """Those of the engine whose edits can be repeated in the original, which may be simulated by another one."""
+        return self._engine.capabilities - {Capability.SAVE_BODIES}
+
     def spawn(
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
@@ -344,7 +349,8 @@ def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> t
 
 
 def _match_attachments(copied: Engine, present: World) -> None:
-    wanted = {each.child: each.parent for each in present.attachments}
+    known = set(copied.poses()[0])
+    wanted = {each.child: each.parent for each in present.attachments if {each.child, each.parent} <= known}
     now = {each.child: each.parent for each in copied.snapshot().attachments}
     for child, parent in now.items():
         if wanted.get(child) != parent:

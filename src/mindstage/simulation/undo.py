@@ -10,14 +10,14 @@ current pose of what it is attached to, and then opened again.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from typing import Protocol
+from typing import Protocol, cast
 
 import msgspec
 import numpy as np
 
-from mindstage.engines.base import Capability, Engine, SavedState, SpawnOptions
+from mindstage.engines.base import BodySavingEngine, Capability, Engine, SavedBodies, SavedState, SpawnOptions
 from mindstage.errors import (
     BodyExistsError,
     BodyNotFoundError,
@@ -30,9 +30,17 @@ from mindstage.errors import (
     SimulationError,
     WorldError,
 )
+from mindstage.ranges import Index, checked
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
-from mindstage.scene.kinematics import handles_by_body, outward_joints
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
+from mindstage.scene.kinematics import handles_by_body, moving_body, outward_joints
+from mindstage.scene.transforms import (
+    Array,
+    normalized_pose_array,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_angle,
+)
 from mindstage.simulation.body_groups import find_dependents
 from mindstage.simulation.state import EngineSession
 
@@ -71,18 +79,24 @@ class EditCommand(Protocol):
         """
 
 
+_Holders = Mapping[BodyId, tuple[BodyId, Pose]]
+
+
 class MoveBody(msgspec.Struct, frozen=True):
     """Sets the pose of a body; attached bodies move with it."""
 
     id: BodyId
     pose: Pose
     label: str
+    holders: _Holders | None = None
+    """See `MoveBodies`."""
 
     def apply(self, engine: Engine) -> MoveBody:
         """See `EditCommand`."""
         before = current_pose(engine, self.id)
-        engine.set_pose(self.id, self.pose)
-        return MoveBody(self.id, before, self.label)
+        holders = _holders(engine, (self.id,))
+        _set_pose(engine, self.id, self.pose, self.holders)
+        return MoveBody(self.id, before, self.label, _resting(engine, holders))
 
 
 class MoveBodies(msgspec.Struct, frozen=True):
@@ -90,21 +104,102 @@ class MoveBodies(msgspec.Struct, frozen=True):
 
     poses: Mapping[BodyId, Pose]
     label: str
+    holders: _Holders | None = None
+    """What bodies were attached to, or on joints of, when they had these poses, and the poses of that: they are
+    restored relative to it. None for a new motion, which is neither relative nor beyond a limit."""
 
     def apply(self, engine: Engine) -> MoveBodies:
         """See `EditCommand`."""
         present = current_poses(engine)
         if unknown := [id for id in self.poses if id not in present]:
             raise BodyNotFoundError(unknown[0], known=present)
-        before = {id: present[id] for id in self.poses}
+        before, holders = {id: present[id] for id in self.poses}, _holders(engine, self.poses)
+        move_one_another = len(self.poses) > 1 and _are_connected(engine, self.poses)
+        steps: list[MoveBody] = []
         try:
             for id, pose in self.poses.items():
-                engine.set_pose(id, pose)
+                if move_one_another:
+                    steps.append(MoveBody(id, pose, self.label, self.holders).apply(engine))
+                else:
+                    _set_pose(engine, id, pose, self.holders)
         except WorldError:
-            for id, pose in before.items():
-                engine.set_pose(id, pose)
+            _set_back(engine, before)
             raise
-        return MoveBodies(before, self.label)
+        if not move_one_another:
+            return MoveBodies(before, self.label, _resting(engine, holders))
+        undone = {step.id: step for step in reversed(steps)}
+        restored = {id: held for step in undone.values() for id, held in (step.holders or {}).items()}
+        return MoveBodies({id: step.pose for id, step in undone.items()}, self.label, restored)
+
+
+def _set_pose(engine: Engine, id: BodyId, pose: Pose, holders: _Holders | None) -> None:
+    """Sets a new pose; or with `holders`, restores one."""
+    if holders is None:
+        engine.set_pose(id, pose)
+        return
+    if id in holders:
+        holder, then = holders[id]
+        now = current_poses(engine).get(holder, then)
+        if now != then:
+            arrays = (normalized_pose_array(each) for each in (pose, then, now))
+            pose = pose_from_array(_moved_with(*arrays))
+    if Capability.SAVE_BODIES in engine.capabilities:
+        cast("BodySavingEngine", engine).restore_pose(id, pose)
+    else:
+        engine.set_pose(id, pose)
+
+
+def _set_back(engine: Engine, poses: Mapping[BodyId, Pose]) -> None:
+    """Sets poses that bodies had before; as some may move others of them, until all have them."""
+    for _ in poses:
+        now = current_poses(engine)
+        wrong = [id for id, pose in poses.items() if _is_moved(pose, now[id], tolerance=_ROUNDING)]
+        for id in wrong:
+            _set_pose(engine, id, poses[id], {})
+        if not wrong:
+            break
+
+
+def _resting(engine: Engine, holders: _Holders) -> _Holders:
+    """Those of the holders that an edit has not moved along."""
+    now = current_poses(engine)
+    return {
+        id: (holder, pose)
+        for id, (holder, pose) in holders.items()
+        if not _is_moved(pose, now[holder], tolerance=_ROUNDING)
+    }
+
+
+def _holders(engine: Engine, ids: Iterable[BodyId]) -> _Holders:
+    """What bodies are attached to or on joints of, and the poses of that."""
+    world = engine.snapshot()
+    found, poses = _holder_of(engine, world), {body.id: body.pose for body in world.bodies}
+    return {id: (found[id], poses[found[id]]) for id in ids if id in found}
+
+
+def _holder_of(engine: Engine, world: World) -> Mapping[BodyId, BodyId]:
+    """What each body is attached to or on a joint of."""
+    bodies = {body.id: body for body in world.bodies}
+    found: dict[BodyId, BodyId] = {}
+    if Capability.JOINTS in engine.capabilities:  # otherwise a body does not move with what holds it by a joint
+        for joint in world.joints:
+            moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
+            found.setdefault(moving.id, holder.id)
+    return found | {each.child: each.parent for each in world.attachments}
+
+
+def _are_connected(engine: Engine, ids: Collection[BodyId]) -> bool:
+    """Whether attachments and joints connect some of the bodies, so that one of them moves another."""
+    holder_of = _holder_of(engine, engine.snapshot())
+
+    def root(id: BodyId) -> BodyId:
+        visited = {id}
+        while (holder := holder_of.get(id)) is not None and holder not in visited:
+            id = holder
+            visited.add(id)
+        return id
+
+    return len({root(id) for id in ids}) < len(ids)
 
 
 class SetPhysics(msgspec.Struct, frozen=True):
@@ -188,13 +283,16 @@ class AttachAt(msgspec.Struct, frozen=True):
         """See `EditCommand`."""
         inverse, pose = _restore_parent(engine, self.child, self.label), current_pose(engine, self.child)
         parent = normalized_pose_array(current_pose(engine, self.parent))
-        engine.set_pose(
-            self.child, pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
-        )
+        target = pose_from_array(pose_multiply(parent, normalized_pose_array(self.parent_from_child)))
+        is_moved = _is_moved(pose, target, tolerance=_ROUNDING)
+        if is_moved:
+            with suppress(PoseUnreachableError):  # a joint holds it, too: it is attached where it is
+                _set_pose(engine, self.child, target, {})
         try:
             engine.attach(self.parent, self.child)
         except Exception:
-            engine.set_pose(self.child, pose)
+            if is_moved:
+                _set_pose(engine, self.child, pose, {})
             raise
         return inverse
 
@@ -286,10 +384,10 @@ class DeleteBodies(msgspec.Struct, frozen=True):
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
-        before = engine.snapshot()
+        before, saved = engine.snapshot(), _save_bodies(engine)
         engine.delete(self.ids)
         ids = tuple(sorted(set(self.ids)))
-        return UndeleteBodies(before, ids, self.spawn_record, self.geometry, self.label, self.immovable)
+        return UndeleteBodies(before, ids, self.spawn_record, self.geometry, self.label, self.immovable, saved)
 
 
 class UndeleteBodies(msgspec.Struct, frozen=True):
@@ -304,6 +402,8 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
     label: str
     immovable: frozenset[BodyId] = frozenset()
     """Bodies that were spawned as static ones, whatever their mobility."""
+    saved: _SavedBodies | None = None
+    """How the engine simulated them; None if it cannot save that."""
 
     def apply(self, engine: Engine) -> EditCommand:
         """See `EditCommand`."""
@@ -312,8 +412,29 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         if taken := deleted & present.keys():
             raise BodyExistsError(min(taken))
         links = list(self._removed_links(present))
-        spawn_poses, final_poses = self._poses(links, present)
-        displaced = [id for id in dict.fromkeys(link.child for link in links) if id not in deleted]
+        displaced = [id for id in dict.fromkeys(self._ends(link)[0] for link in links) if id not in deleted]
+        if self.saved is not None:
+            self._restore(cast("BodySavingEngine", engine), self.saved, links, displaced)
+        else:
+            self._spawn_again(engine, links, displaced, present)
+        return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label, self.immovable)
+
+    def _restore(
+        self, engine: BodySavingEngine, saved: _SavedBodies, links: Iterable[_Link], displaced: Iterable[BodyId]
+    ) -> None:
+        """Restores the bodies exactly as they were simulated, relative to those that exist."""
+        present = _simulated_poses(engine)
+        _, poses = self._poses(links, present, saved.poses)
+        moved = {id: poses[id] for id in displaced if not _same_pose(poses[id], present[id])}
+        engine.restore_bodies(saved.bodies, {id: poses[id] for id in self.ids}, displaced=moved)
+
+    def _spawn_again(
+        self, engine: Engine, links: Sequence[_Link], displaced: Iterable[BodyId], present: Mapping[BodyId, Pose]
+    ) -> None:
+        """Spawns the bodies at position 0 of their joints, which are then moved."""
+        previous = {body.id: normalized_pose_array(body.pose) for body in self.previous_world.bodies}
+        now = {id: normalized_pose_array(pose) for id, pose in present.items()}
+        spawn_poses, final_poses = self._poses(links, now, previous)
         try:
             for id in displaced:
                 engine.set_pose(id, pose_from_array(spawn_poses[id]))
@@ -323,10 +444,10 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
                 engine.set_pose(id, present[id])
             raise
         for link in links:
-            if isinstance(link, Joint) and not _same_pose(spawn_poses[link.child], final_poses[link.child]):
+            moving, _ = self._ends(link)
+            if isinstance(link, Joint) and not _same_pose(spawn_poses[moving], final_poses[moving]):
                 with suppress(PoseUnreachableError):  # the body then stays at the joint's zero position
-                    engine.set_pose(link.child, pose_from_array(final_poses[link.child]))
-        return DeleteBodies(self.ids, self.spawn_record, self.geometry, self.label, self.immovable)
+                    engine.set_pose(moving, pose_from_array(final_poses[moving]))
 
     def _spawn(self, engine: Engine, world: World) -> None:
         """Spawns the whole world or nothing.
@@ -349,34 +470,46 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
             if ends & deleted and ends <= deleted | present.keys():
                 yield link
 
+    def _ends(self, link: _Link) -> tuple[BodyId, BodyId]:
+        """The body that moves with the other one, or relative to it, and that other one."""
+        if isinstance(link, Attachment):
+            return link.child, link.parent
+        moving, holder = moving_body(link, self.previous_world.body(link.parent), self.previous_world.body(link.child))
+        return moving.id, holder.id
+
     def _poses(
-        self, links: Iterable[_Link], present: Mapping[BodyId, Pose]
+        self, links: Iterable[_Link], present: Mapping[BodyId, Array], previous: Mapping[BodyId, Array]
     ) -> tuple[Mapping[BodyId, Array], Mapping[BodyId, Array]]:
-        """The poses to spawn at, with joints at zero, and the final poses, both relative to the bodies that exist."""
-        involved = {*self.ids, *(end for link in links for end in (link.parent, link.child))}
-        bodies = (body for body in self.previous_world.bodies if body.id in involved)
-        previous = {body.id: normalized_pose_array(body.pose) for body in bodies}
-        link_of_child = {link.child: link for link in links}
+        """The poses with joints at zero, and the final poses, both relative to the bodies that exist.
+
+        Args:
+            links: what connects the deleted bodies.
+            present: the poses of the bodies that exist.
+            previous: the poses of all bodies before the deletion.
+        """
+        links = tuple(links)
+        link_of = {self._ends(link)[0]: link for link in links}
         spawn_poses: dict[BodyId, Array] = {}
         final_poses: dict[BodyId, Array] = {}
 
         def compute(id: BodyId, descendants: frozenset[BodyId]) -> None:
-            link = link_of_child.get(id)
             if id in spawn_poses:
                 return
-            if link is None or link.parent in descendants:  # a root, or a kinematic loop, which is cut here
-                pose = previous[id] if id in self.ids else normalized_pose_array(present[id])
-                spawn_poses[id] = final_poses[id] = pose
+            link = link_of.get(id)
+            holder = id if link is None else self._ends(link)[1]
+            if link is None or holder in descendants:  # a root, or a kinematic loop, which is cut here
+                spawn_poses[id] = final_poses[id] = previous[id] if id in self.ids else present[id]
                 return
-            compute(link.parent, descendants | {id})
-            final_poses[id] = _moved_with(previous[id], previous[link.parent], final_poses[link.parent])
+            compute(holder, descendants | {id})
+            final_poses[id] = _moved_with(previous[id], previous[holder], final_poses[holder])
             zero = previous
             if isinstance(link, Joint):
+                spawned = self.spawn_record.poses
                 zero = {
-                    end: normalized_pose_array(self.spawn_record.poses.get(end) or pose_from_array(previous[end]))
-                    for end in (id, link.parent)
+                    end: normalized_pose_array(spawned[end]) if end in spawned else previous[end]
+                    for end in (id, holder)
                 }
-            spawn_poses[id] = _moved_with(zero[id], zero[link.parent], spawn_poses[link.parent])
+            spawn_poses[id] = _moved_with(zero[id], zero[holder], spawn_poses[holder])
 
         for id in (*self.ids, *(end for link in links for end in (link.parent, link.child))):
             compute(id, frozenset())
@@ -414,6 +547,25 @@ class UndeleteBodies(msgspec.Struct, frozen=True):
         )
 
 
+class _SavedBodies(msgspec.Struct, frozen=True, eq=False):
+    """How an engine simulated all bodies before some of them were deleted."""
+
+    bodies: SavedBodies
+    poses: Mapping[BodyId, Array]
+
+
+def _save_bodies(engine: Engine) -> _SavedBodies | None:
+    if Capability.SAVE_BODIES not in engine.capabilities:
+        return None
+    return _SavedBodies(cast("BodySavingEngine", engine).save_bodies(), _simulated_poses(engine))
+
+
+def _simulated_poses(engine: Engine) -> Mapping[BodyId, Array]:
+    """The poses in the engine, where a snapshot has the described pose of a body that was moved out of others."""
+    ids, poses = engine.poses()
+    return dict(zip(ids, poses, strict=True))
+
+
 def _moved_with(pose: Array, base_then: Array, base_now: Array) -> Array:
     """The pose after moving rigidly with a base."""
     if _same_pose(base_then, base_now):
@@ -425,9 +577,13 @@ def _same_pose(one: Array, other: Array) -> bool:
     return bool((one == other).all())
 
 
-def _is_moved(before: Pose, now: Pose) -> bool:
+def _is_moved(before: Pose, now: Pose, *, tolerance: float | None = None) -> bool:
+    """Whether poses differ visibly, or by more than a tolerance [m, rad]."""
     one, other = normalized_pose_array(before), normalized_pose_array(now)
-    return bool(np.linalg.norm(one[:3] - other[:3]) > _MOVED_M or abs(one[3:] @ other[3:]) < _UNTURNED_COSINE)
+    distance = np.linalg.norm(one[:3] - other[:3])
+    if tolerance is not None:
+        return bool(distance > tolerance or quat_angle(one[3:], other[3:]) > tolerance)
+    return bool(distance > _MOVED_M or abs(one[3:] @ other[3:]) < _UNTURNED_COSINE)
 
 
 def _is_unchanged(before: World, now: World) -> bool:
@@ -440,6 +596,8 @@ def _is_unchanged(before: World, now: World) -> bool:
 
 _MOVED_M, _UNTURNED_COSINE = 0.001, 0.99999
 """A body that moved by less, and turned by less than half a degree, counts as not moved."""
+_ROUNDING = 1e-9
+"""Poses that differ by less are equal [m, rad]."""
 _MAX_UNDO = 200
 """Length of the undo history."""
 
@@ -586,7 +744,7 @@ class UndoStack:
             moved = {id for id, pose in before.items() if id in now and _is_moved(pose, now[id])}
             poses = {id: before[id] for id in moved if parents.get(id) not in moved}
             if poses:
-                self.record(MoveBodies(poses, label))
+                self.record(MoveBodies(poses, label, {}))
             return bool(poses)
 
         return self._simulation.run_on_engine(record, label=label)
@@ -673,7 +831,8 @@ class UndoStack:
         """
         return self._undo_redo(self._redo_edits, self._undo_edits, redo=True)
 
-    def go_to(self, position: int, *, version: int | None = None) -> None:
+    @checked
+    def go_to(self, position: Index, *, version: Index | None = None) -> None:
         """Undoes or redoes edits, in one call of the engine, until so many are done.
 
         Args:

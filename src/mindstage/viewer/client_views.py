@@ -559,7 +559,7 @@ class ClientView:
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right = normalize(right) if right.any() else np.array([1.0, 0.0, 0.0])
         offsets = self._poses[rows, :3] - eye
-        depth = np.maximum(offsets @ ahead, 1e-9)
+        depth = offsets @ ahead  # without a picture behind the camera: nothing is smaller than a negative height
         half_height = depth * np.tan(camera.fov / 2)
         sizes = np.array([max(self._appearances[id].size) for id in ids if id in self._rows])
         aside = np.abs(offsets @ right) < _IN_PICTURE * half_height * self._aspect

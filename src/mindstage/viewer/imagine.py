@@ -9,6 +9,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Annotated, Any
 
 import msgspec
@@ -190,26 +191,15 @@ class ImagineHandler:
                 raise InvalidArgumentError("the plan", cause=cause, remedy="wait for it, or cancel it")
             self._cancel.clear()
             self._layers, self._replay, self._state = {}, None, state
-            self._thread = threading.Thread(target=run, kwargs=options, name="mindstage-imagine-panel", daemon=True)
+            target = partial(self._report_errors, partial(run, **options))
+            self._thread = threading.Thread(target=target, name="mindstage-imagine-panel", daemon=True)
             self._thread.start()
         self._publish()
 
-    def _do(self, *, plan: PlanFile) -> None:
+    def _report_errors(self, run: Callable[[], None]) -> None:
+        """Runs a plan, and publishes the error if it fails."""
         try:
-            with as_client(CLIENT):
-                result = act(self._simulation, plan, stop=self._cancel.is_set)
-        except MindstageError as error:
-            self._set_state({"state": "error", "error": str(error)})
-            return
-        cause = "" if result.cause is None else f": {result.cause.text}"
-        why = f"done in {result.duration_s:.1f} s{cause}"
-        self._set_state({"state": "acted", "outcome": result.outcome.value, "why": why})
-
-    def _run(self, *, plan: Any, **options: Any) -> None:
-        try:
-            with physical_simulation(self._simulation) as simulation:
-                verdict = imagine(simulation, plan, **options, progress=self._on_progress, cancel=self._cancel.is_set)
-                self._finish(verdict)
+            run()
         except MindstageError as error:
             self._set_state({"state": "error", "error": str(error)})
         except Exception as error:
@@ -217,6 +207,18 @@ class ImagineHandler:
                 {"state": "error", "error": f"{type(error).__name__}: {error}; this is a defect of Mindstage"}
             )
             raise
+
+    def _do(self, *, plan: PlanFile) -> None:
+        with as_client(CLIENT):
+            result = act(self._simulation, plan, stop=self._cancel.is_set)
+        cause = "" if result.cause is None else f": {result.cause.text}"
+        why = f"done in {result.duration_s:.1f} s{cause}"
+        self._set_state({"state": "acted", "outcome": result.outcome.value, "why": why})
+
+    def _run(self, *, plan: Any, **options: Any) -> None:
+        with physical_simulation(self._simulation) as simulation:
+            verdict = imagine(simulation, plan, **options, progress=self._on_progress, cancel=self._cancel.is_set)
+            self._finish(verdict)
 
     def _finish(self, verdict: Verdict) -> None:
         groups, added = end_pose_ghosts(verdict), self._added_appearances(verdict)

@@ -453,6 +453,50 @@ def test_a_hand_has_the_drives_that_the_real_one_has() -> None:
     assert any("used as a gripper" in note.text for note in model.notes)
 
 
+FINGERS = """
+<robot name="hand">
+  <link name="palm">{box}</link><link name="left">{box}</link><link name="right">{box}</link>
+  <joint name="motor" type="revolute">
+    <parent link="palm"/><child link="left"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/>
+  </joint>
+  <joint name="follower" type="revolute">
+    <parent link="palm"/><child link="right"/><axis xyz="0 0 1"/>
+    <limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>
+  </joint>
+  <gazebo><plugin name="mimic" filename="libroboticsgroup_gazebo_mimic_joint_plugin.so">
+    <joint>motor</joint><mimicJoint>follower</mimicJoint>
+    <multiplier>{multiplier}</multiplier><offset>{offset}</offset>
+  </plugin></gazebo>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(
+    ("multiplier", "offset", "lower", "upper", "motor"),
+    [
+        (1.0, 0.0, -0.25, 0.5, (-0.25, 0.5)),
+        (-1.0, 0.0, -0.25, 0.5, (-0.5, 0.25)),  # it turns the other way, and so do its limits
+        (2.0, 0.0, -0.25, 0.5, (-0.125, 0.25)),
+        (-2.0, 0.5, -0.25, 0.5, (0.0, 0.375)),
+        (0.5, 0.0, -2.0, 0.25, (-1.0, 0.5)),  # below, the motor stops first
+    ],
+)
+def test_a_motor_turns_as_far_as_the_joint_that_follows_it(
+    tmp_path: Path, multiplier: float, offset: float, lower: float, upper: float, motor: tuple[float, float]
+) -> None:
+    text = FINGERS.format(box=BOX, multiplier=multiplier, offset=offset, lower=lower, upper=upper)
+    model = load_model(written(tmp_path, text))
+    assert (model.joint("motor").lower, model.joint("motor").upper) == pytest.approx(motor)
+    follower = model.joint("follower")
+    assert follower.mimic is not None
+    assert (follower.mimic.joint, follower.mimic.multiplier, follower.mimic.offset) == ("motor", multiplier, offset)
+    assert [joint.name for joint in model.actuated_joints] == ["motor"]
+    notes = {note.subject: note.text for note in model.notes}
+    assert notes["follower"] == f"it moves with motor, times {multiplier:.3g}, as a plugin of Gazebo moves it"
+    assert f"its range is {motor[0]:.3g} to {motor[1]:.3g}" in notes["motor"]
+
+
 def test_the_tips_of_fingers_are_among_their_links() -> None:
     gripper = known_model("baxter").grippers[0]
     assert {"r_gripper_l_finger_tip", "r_gripper_r_finger_tip"} <= set(gripper.finger_links)

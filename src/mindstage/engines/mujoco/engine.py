@@ -14,11 +14,11 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-import msgspec
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import Duration
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -29,6 +29,7 @@ from mindstage.engines.base import (
     EngineStats,
     PoseArray,
     RebuildTime,
+    SavedBodies,
     SavedState,
     SpawnNote,
     SpawnNoteKind,
@@ -54,6 +55,7 @@ from mindstage.engines.mujoco.state import (
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
 from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
+from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import (
     NO_GEOMETRY,
     BodyId,
@@ -63,7 +65,6 @@ from mindstage.scene import (
     Material,
     Mobility,
     Pose,
-    Vector,
     World,
 )
 from mindstage.scene.bounding_boxes import OrientedBoxes
@@ -251,6 +252,21 @@ class ModelCache:
         if self._compiled is not None:  # a body spawned later with the same id is another body
             self._compiled = self._compiled.without(removed, remaining_joints=self.registry.joints)
 
+    def restore(
+        self, before: PhysicsModelBuilder, poses: Mapping[BodyId, Array], displaced: Mapping[BodyId, Array]
+    ) -> None:
+        """See `BodySavingEngine.restore_bodies`."""
+        self.registry.require_free(poses)
+        for id, target in displaced.items():
+            if self.builder.is_loose(id):
+                self._place(self.builder.connected_bodies(id), id, target)
+            else:
+                self.move(id, target)
+        self.builder.restore(before, tuple(poses), self.poses())
+        self._pending_poses.update(poses)
+        self.stale, self._stale_poses = True, None
+        self._changed_boxes.append(self.bounds(poses))
+
     def attach(self, parent: BodyId, child: BodyId) -> None:
         """See `Engine.attach`."""
         self.builder.attach(parent, child, self.poses())
@@ -268,10 +284,13 @@ class ModelCache:
 
     def move(self, id: BodyId, target: Array) -> None:
         """Moves a body and all bodies that move with it; not for bodies on joints."""
-        current = self.poses_by_id()
-        moving = self.builder.bodies_moving_with(id)
-        self._changed_boxes.append(self.bounds(moving))
         self.builder.update_attachment_pose(id, target, self.poses())
+        self._place(self.builder.bodies_moving_with(id), id, target)
+
+    def _place(self, moving: list[BodyId], id: BodyId, target: Array) -> None:
+        """Moves bodies, one of which gets a target pose, rigidly."""
+        current = self.poses_by_id()
+        self._changed_boxes.append(self.bounds(moving))
         new_from_old = pose_multiply(target, pose_inverse(current[id]))
         moved = pose_multiply(new_from_old, np.array([current[body] for body in moving]))
         moved[:, 3:] = normalize(moved[:, 3:])
@@ -334,11 +353,8 @@ class ModelCache:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         """See `Engine.scale_dynamics`."""
-        for id, scale in scales.items():
+        for id in scales:
             self.registry.body(id)
-            for name, factor in msgspec.structs.asdict(scale).items():
-                if not 0.0 < factor < float("inf"):
-                    raise ValueError(f"the factor of the {name} of {id!r} must be above 0 and finite, not {factor}")
         before, self._scales = self._scales, {**self._scales, **scales}
         boxes = self._boxes(scales)
         if self.stale or self._compiled is None:
@@ -438,6 +454,8 @@ _CONTACT_DURATION_S = 0.007
 _GRAVITY = 9.81
 _MAX_UNCHECKED_STEPS = 50
 """Number of time steps after which falling bodies are checked."""
+_MAX_BEYOND_LIMIT = 0.05
+"""Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-12
 """Poses that differ by less from the described one are equal to it [m, rad], relative to larger coordinates."""
 
@@ -473,10 +491,12 @@ class MujocoEngine:
             Capability.JOINTS,
             Capability.STATISTICS,
             Capability.ACTUATORS,
+            Capability.SAVE_BODIES,
         }
     )
 
-    def __init__(self, *, timestep_s: float = 0.002, memory_cap_bytes: int = ARENA_CAP_BYTES) -> None:
+    @checked
+    def __init__(self, *, timestep_s: TimeStep = 0.002, memory_cap_bytes: Count = ARENA_CAP_BYTES) -> None:
         """Creates an engine with an empty world.
 
         Args:
@@ -537,6 +557,14 @@ class MujocoEngine:
         self._require_open().detach(child)
 
     def set_pose(self, id: BodyId, pose: Pose) -> None:
+        self._set_pose(id, pose)
+
+    def restore_pose(self, id: BodyId, pose: Pose) -> None:
+        """See `BodySavingEngine`."""
+        self._set_pose(id, pose, tolerance=_MAX_BEYOND_LIMIT)
+
+    def _set_pose(self, id: BodyId, pose: Pose, *, tolerance: float = 0.0) -> None:
+        """Sets a pose, which may be so far beyond the limits of a joint [m or rad]."""
         cache = self._require_open()
         cache.registry.body(id)
         if reason := pose_error(pose):
@@ -544,7 +572,7 @@ class MujocoEngine:
         target = normalized_pose_array(pose)
         if id in cache.forest.tree_joints:
             cache.model()  # joint coordinates need a current model
-        if not cache.stale and self._move_in_place(cache, id, target):
+        if not cache.stale and self._move_in_place(cache, id, target, tolerance):
             cache.registry.replace(id, pose=pose)
             return
         cache.move(id, target)
@@ -565,16 +593,19 @@ class MujocoEngine:
     def highlights(self) -> Mapping[BodyId, Color]:
         return MappingProxyType(self._require_open().registry.highlighted)
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._require_open().registry.body(id)
         self._forces.append(
             (id, np.asarray(force, dtype=float), None if point is None else np.asarray(point, dtype=float))
         )
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         self.step_for(duration_s, wall_s=float("inf"))
 
-    def step_for(self, duration_s: float, *, wall_s: float) -> float:
+    @checked
+    def step_for(self, duration_s: Duration, *, wall_s: float) -> float:
         """See `InterruptibleEngine`."""
         cache = self._require_open()
         steps, self._pending_s = whole_steps(self._pending_s + duration_s, self._timestep_s)
@@ -664,7 +695,12 @@ class MujocoEngine:
     def snapshot(self) -> World:
         cache = self._require_open()
         poses = cache.builder.described_if_settled(cache.poses())
-        return cache.registry.to_world(poses, tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
+        return cache.registry.to_world(
+            poses,
+            joint_frames=cache.builder.joint_frames,
+            tolerance_m=_POSE_TOLERANCE,
+            tolerance_rad=_POSE_TOLERANCE,
+        )
 
     def save_state(self) -> SavedState:
         return SavedState(self._require_open().copy())
@@ -677,13 +713,26 @@ class MujocoEngine:
         self._forces.clear()
         self._pending_s = 0.0
 
+    def save_bodies(self) -> SavedBodies:
+        """See `BodySavingEngine`; the same holds for the method below."""
+        return SavedBodies(self._require_open().builder.copy())
+
+    def restore_bodies(
+        self, saved: SavedBodies, poses: Mapping[BodyId, Array], *, displaced: Mapping[BodyId, Array]
+    ) -> None:
+        cache = self._require_open()
+        if not isinstance(saved, PhysicsModelBuilder):
+            raise TypeError(f"expected bodies from MujocoEngine.save_bodies, not {type(saved).__name__}")
+        cache.restore(saved, poses, displaced)
+
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self._require_open().scale_dynamics(scales)
 
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._require_open().set_actuators(actuators, without_weight=without_weight)
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._require_open().set_commands(commands)
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
@@ -731,7 +780,7 @@ class MujocoEngine:
             if point is not None:
                 compiled.data.xfrc_applied[body_id, 3:] += np.cross(point - compiled.data.xipos[body_id], force)
 
-    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array) -> bool:
+    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array, tolerance: float) -> bool:
         """Moves a body without a new model if it is free, kinematic or on a joint; False for others."""
         cache.enable_kinematic_motion(id)
         compiled = cache.model()
@@ -744,7 +793,7 @@ class MujocoEngine:
             compiled.data.mocap_pos[compiled.mocap_ids[id]] = target[:3]
             compiled.data.mocap_quat[compiled.mocap_ids[id]] = target[3:]
         elif (tree_joint := cache.forest.tree_joints.get(id)) is not None:
-            self._set_joint(cache, id, tree_joint.joint.id, target)
+            self._set_joint(cache, id, tree_joint.joint.id, target, tolerance)
         else:
             return False
         before = cache.bounds(moving)
@@ -752,26 +801,26 @@ class MujocoEngine:
         wake_islands(compiled, np.stack([before, cache.bounds(moving)]))
         return True
 
-    def _set_joint(self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array) -> None:
+    def _set_joint(self, cache: ModelCache, id: BodyId, joint_id: BodyId, target: Array, tolerance: float) -> None:
         """Sets the coordinates of the joint that holds a body.
 
         Raises:
             PoseUnreachableError: the joint does not allow the pose.
         """
         compiled, poses = cache.model(), cache.poses_by_id()
-        check_joint_limits(cache.builder, id, target, poses)
+        check_joint_limits(cache.builder, id, target, poses, tolerance=tolerance)
         joint = compiled.joints[joint_id]
         child_from_body = pose_multiply(pose_inverse(poses[id]), poses[joint.tree_joint.child])
         requested = {**poses, joint.tree_joint.child: pose_multiply(target, child_from_body)}
         coordinates = current_joint_coordinates(joint, requested, cache.builder.joint_frames[joint_id])
-        coupled = self._coupled_coordinates(cache, id, joint, coordinates)
+        coupled = self._coupled_coordinates(cache, id, joint, coordinates, tolerance)
         set_joint_coordinates(compiled, joint, coordinates)
         for other, other_coordinates in coupled:
             set_joint_coordinates(compiled, other, other_coordinates)
 
     @staticmethod
     def _coupled_coordinates(
-        cache: ModelCache, id: BodyId, joint: ModelJoint, coordinates: Array
+        cache: ModelCache, id: BodyId, joint: ModelJoint, coordinates: Array, tolerance: float
     ) -> list[tuple[ModelJoint, Array]]:
         """Joints that are coupled to the one that holds a body, and their coordinates.
 
@@ -792,7 +841,11 @@ class MujocoEngine:
                 continue
             value = -position if other.tree_joint.is_reversed else position
             for each in other.axes:
-                if each.index == other_axis and each.limit is not None and abs(value - each.middle) > each.limit + 1e-6:
+                if (
+                    each.index == other_axis
+                    and each.limit is not None
+                    and abs(value - each.middle) > each.limit + tolerance + 1e-6
+                ):
                     reason = f"{other_id!r}, which is coupled to its joint, does not reach {position:.4g}"
                     raise PoseUnreachableError(id, reason=reason)
             row = np.zeros(6)

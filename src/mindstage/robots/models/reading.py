@@ -347,7 +347,7 @@ def _with_couplings(
         followers[name] = mimic
         low, high = ranges.get(mimic.joint, (_bound(master.lower, -1.0), _bound(master.upper, 1.0)))
         ends = [(_bound(each, sign) - mimic.offset) / mimic.multiplier for each, sign in _limits(joint)]
-        ranges[mimic.joint] = max(low, min(ends)), min(high, max(ends))
+        ranges[mimic.joint] = max(low, min(ends)) + 0.0, min(high, max(ends)) + 0.0  # not -0
     links = {by_name[name].parent for name in followers}, {by_name[name].child for name in followers}
     found, notes = [], []
     for joint in joints:

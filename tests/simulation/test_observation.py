@@ -1,0 +1,265 @@
+"""What observers of a simulation see: every edit with its client, its bodies and its details, and every question."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from mindstage import KnowledgeBase, NullEngine, Simulation
+from mindstage.engines import Engine, MujocoEngine
+from mindstage.errors import SimulationFaultError
+from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose
+from mindstage.simulation import ConnectedClient
+from mindstage.simulation.observation import as_client
+from tests.kitchenette import kitchenette
+
+MUG, DRAWER, FRIDGE = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge")
+ALL = tuple(body.id for body in kitchenette().bodies)
+Report = tuple[str, str, tuple[str, ...], dict[str, Any]]
+
+
+class Log:
+    """An observer that keeps what it sees."""
+
+    interval_s = 0.5
+
+    def __init__(self) -> None:
+        self.reports: list[Report] = []
+        self.states: list[tuple[float, bool]] = []
+        """The time of each state [s], and whether it may have been edited."""
+
+    def on_state(self, state: Any, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
+        self.states.append((round(state.time_s, 6), edited))
+
+    def on_edit(self, kind: str, *, client: str, ids: Iterable[BodyId], details: Mapping[str, Any]) -> None:
+        self.reports.append((kind, client, tuple(ids), dict(details)))
+
+    def times(self) -> list[float]:
+        """The times of the states, each once [s]."""
+        return list(dict.fromkeys(time for time, _ in self.states))
+
+    def taken(self) -> list[Report]:
+        """The reports since the last call."""
+        found, self.reports = self.reports, []
+        return found
+
+
+class Failing(Log):
+    """An observer that raises when a body is moved."""
+
+    def on_edit(self, kind: str, *, client: str, ids: Iterable[BodyId], details: Mapping[str, Any]) -> None:
+        super().on_edit(kind, client=client, ids=ids, details=details)
+        if kind == "set pose":
+            raise ValueError("no")
+
+
+@pytest.fixture
+def sim() -> Iterator[Simulation]:
+    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        yield sim
+
+
+PHYSICS = BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0)
+STEEL = Material(name="steel", color=(0.5, 0.5, 0.6))
+EDITS: list[tuple[Callable[[Engine], object], str, tuple[str, ...], dict[str, Any]]] = [
+    (lambda engine: engine.set_label(MUG, "My mug"), "set label", (MUG,), {"label": "My mug"}),
+    (lambda engine: engine.attach(FRIDGE, MUG), "attach", (MUG, FRIDGE), {"parent": FRIDGE, "child": MUG}),
+    (lambda engine: engine.detach(BodyId("DrawerHandle")), "detach", ("DrawerHandle",), {}),
+    (lambda engine: engine.delete(iter([MUG, DRAWER])), "delete", (MUG, DRAWER), {}),
+    (
+        lambda engine: engine.highlight(iter([MUG, FRIDGE]), (1.0, 0.0, 0.0)),
+        "highlight",
+        (MUG, FRIDGE),
+        {"color": (1.0, 0.0, 0.0)},
+    ),
+    (
+        lambda engine: engine.set_pose(MUG, Pose((1.0, 2.0, 3.0))),
+        "set pose",
+        (MUG,),
+        {"pose": {"position": (1.0, 2.0, 3.0)}},
+    ),
+    (lambda engine: engine.set_physics(MUG, PHYSICS), "set physics", (MUG,), {"physics": {"mass_kg": 7.0}}),
+    (lambda engine: engine.set_materials(MUG, (STEEL,)), "set materials", (MUG,), {"materials": [{"name": "steel"}]}),
+]
+
+
+def contains(found: Any, expected: Any) -> bool:
+    """Whether data has what is expected, and perhaps more."""
+    if isinstance(expected, dict):
+        return all(key in found and contains(found[key], value) for key, value in expected.items())
+    if isinstance(expected, list | tuple):
+        return len(found) == len(expected) and all(map(contains, found, expected))
+    return bool(found == expected)
+
+
+@pytest.mark.parametrize(("edit", "kind", "ids", "details"), EDITS, ids=[kind for _, kind, _, _ in EDITS])
+def test_every_edit_is_reported_to_every_observer_with_its_client(
+    sim: Simulation, edit: Callable[[Engine], object], kind: str, ids: tuple[str, ...], details: dict[str, Any]
+) -> None:
+    logs = [Log(), Log(), Log()]
+    for log in logs:
+        sim.observe(log)
+    with as_client("ROS: /cook"):
+        sim.run_on_engine(edit, edits=True)
+    for log in logs:
+        ((found_kind, client, found_ids, found),) = log.taken()
+        assert (found_kind, client, found_ids) == (kind, "ROS: /cook", ids)
+        assert contains(found, details), found
+        assert details or not found
+
+
+def test_a_pull_and_its_end_are_reported_with_where_it_acts() -> None:
+    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+        sim.spawn(kitchenette())
+        log = Log()
+        sim.observe(log)
+        with as_client("viewer"):
+            sim.pull(DRAWER, point=(-0.25, 0.0, 0.0), target=(1.2, 0.0, 0.65))
+        sim.release(DRAWER)
+        (pull, release) = log.taken()
+    assert pull[:3] == ("pull", "viewer", (DRAWER,))
+    assert pull[3] == {"point": (-0.25, 0.0, 0.0), "target": (1.2, 0.0, 0.65)}
+    assert release[:3] == ("release", "Python", (DRAWER,))
+
+
+def test_several_edits_of_one_call_are_reported_in_their_order(sim: Simulation) -> None:
+    log = Log()
+    sim.observe(log)
+
+    def edit(engine: Engine) -> None:
+        for id in (MUG, DRAWER, MUG):
+            engine.set_pose(id, Pose((float(len(id)), 0.0, 0.0)))
+
+    sim.run_on_engine(edit, edits=True)
+    assert [(kind, client, ids) for kind, client, ids, _ in log.taken()] == [
+        ("set pose", "Python", (MUG,)),
+        ("set pose", "Python", (DRAWER,)),
+        ("set pose", "Python", (MUG,)),
+    ]
+
+
+def test_a_spawn_names_what_was_spawned_and_what_was_not(sim: Simulation) -> None:
+    sim.clear()
+    log = Log()
+    sim.observe(log)
+    sim.spawn(kitchenette())
+    ((kind, _, ids, details),) = log.taken()
+    assert (kind, ids) == ("spawn", ALL)
+    assert details == {"world": "map", "bodies": 8, "joints": 2}
+    world = kitchenette()
+    sim.undo_stack.delete([DRAWER, MUG])
+    log.taken()
+    sim.spawn(replace(world, joints=(), attachments=()))
+    ((kind, _, ids, details),) = log.taken()
+    assert (kind, ids) == ("spawn", (DRAWER, MUG))
+    assert details == {"world": "map", "bodies": 2, "joints": 0, "failed": sorted({*ALL} - {DRAWER, MUG})}
+
+
+def test_what_consists_of_several_edits_is_reported_as_one_with_all_bodies(sim: Simulation) -> None:
+    log = Log()
+    sim.undo_stack.move(MUG, Pose((1.0, 1.0, 1.0)))
+    sim.observe(log)
+    sim.undo_stack.undo()
+    sim.undo_stack.redo()
+    assert [(kind, ids) for kind, _, ids, _ in log.taken()] == [("undo", (MUG,)), ("redo", (MUG,))]
+    sim.clear()
+    ((kind, _, ids, _),) = log.taken()
+    assert (kind, ids) == ("clear", ALL)
+
+
+def test_a_question_is_reported_with_its_arguments_and_all_answers(sim: Simulation) -> None:
+    log = Log()
+    sim.observe(log)
+    with as_client("viewer"):
+        answers = sim.ask("where_is", thing="Mug")
+    ((kind, client, ids, details),) = log.taken()
+    assert (kind, client, ids) == ("question", "viewer", ())
+    assert (details["question"], details["count"]) == ("where_is", 2)
+    assert details["args"] == {"thing": "http://example.org/maps/M.owl#Mug"}
+    expected = [("on", "Cupboard"), ("above", "Floor")]
+    assert [(row["relation"], row["other"].split("#")[-1]) for row in details["answers"]] == expected
+    assert len(answers) == 2
+
+
+def test_of_several_observers_only_the_one_that_was_removed_or_failed_gets_no_more(sim: Simulation) -> None:
+    before, removed, failing, after = Log(), Log(), Failing(), Log()
+    sim.observe(before)
+    remove = sim.observe(removed)
+    sim.observe(failing)
+    sim.observe(after)
+
+    def label(text: str) -> None:
+        sim.run_on_engine(lambda engine: engine.set_label(MUG, text), edits=True)
+
+    label("one")
+    remove()
+    remove()
+    label("two")
+    assert [len(each.taken()) for each in (before, removed, failing, after)] == [2, 1, 2, 2]
+    sim.run_on_engine(lambda engine: engine.set_pose(MUG, Pose((1.0, 0.0, 1.0))), edits=True)
+    with pytest.raises(SimulationFaultError, match="the observer Failing raised ValueError: no"):
+        sim.snapshot()
+    label("three")
+    kinds = [[kind for kind, *_ in each.taken()] for each in (before, removed, failing, after)]
+    assert kinds == [["set pose", "set label"], [], ["set pose"], ["set pose", "set label"]]
+
+
+def test_one_observer_that_is_added_twice_is_removed_entirely_and_others_stay(sim: Simulation) -> None:
+    log, other = Log(), Log()
+    remove = sim.observe(log)
+    sim.observe(other)
+    sim.observe(log)
+    remove()
+    sim.run_on_engine(lambda engine: engine.set_label(MUG, "x"), edits=True)
+    assert (len(log.taken()), len(other.taken())) == (0, 1)
+
+
+def test_states_come_at_the_shortest_interval_and_say_whether_something_was_edited(sim: Simulation) -> None:
+    slow, quick = Log(), Log()
+    quick.interval_s = 0.05
+    sim.observe(slow)
+    sim.step(1.0)
+    assert slow.times() == [pytest.approx(0.1 * count) for count in range(1, 11)]
+    remove = sim.observe(quick)
+    sim.step(1.0)
+    assert quick.times() == [pytest.approx(1.0 + 0.05 * count) for count in range(1, 21)]
+    assert not any(edited for _, edited in slow.states)
+    remove()
+    slow.states.clear()
+    sim.step(1.0)
+    assert slow.times() == [pytest.approx(2.0 + 0.1 * count) for count in range(1, 11)]
+    sim.run_on_engine(lambda engine: engine.set_label(MUG, "x"), edits=True)
+    assert slow.states[-1] == (3.0, True)
+    assert len(quick.times()) == 20
+
+
+# -- clients -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_clients_of_all_sources_are_listed_until_their_source_is_removed(sim: Simulation) -> None:
+    def clients(*names: str) -> Callable[[], list[ConnectedClient]]:
+        return lambda: [ConnectedClient(name=name, transport="ROS") for name in names]
+
+    def listed() -> list[str]:
+        return [client.name for client in sim.clients.clients()]
+
+    removes = [sim.clients.add_client_source(each) for each in (clients("a", "b"), clients(), clients("c"))]
+    removes.append(sim.clients.add_client_source(clients("d")))
+    assert listed() == ["a", "b", "c", "d"]
+    removes[2]()
+    assert listed() == ["a", "b", "d"]
+    removes[2]()
+    removes[0]()
+    assert listed() == ["d"]
+
+
+def test_of_several_callbacks_of_edits_only_the_removed_one_is_not_called(sim: Simulation) -> None:
+    called: list[str] = []
+    removes = [sim.clients.on_edit(lambda name=name: called.append(name)) for name in "abc"]
+    removes[1]()
+    sim.run_on_engine(lambda engine: engine.set_label(MUG, "x"), edits=True)
+    assert called == ["a", "c"]
