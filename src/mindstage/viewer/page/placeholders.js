@@ -104,7 +104,6 @@ class Placeholders {
 
   replayDone() {
     this.#isReplayDone = true;
-    this.#view.requestRender(); // for `update`
   }
 
   update() {
@@ -164,7 +163,7 @@ class Placeholders {
   #showProgress() {
     let left = 0;
     for (const boxes of this.#pending.values()) left += boxes.length;
-    reportMissing(this.#isReplayDone ? left : 0, this.#count);
+    reportMissing(left, this.#count);
     progress.hidden = parent !== window || left === 0 || performance.now() - this.#startMs < SHOW_PROGRESS_MS;
     const text = `Loading shapes: ${this.#count - left} of ${this.#count}`;
     if (!progress.hidden && progress.textContent !== text) progress.textContent = text;

@@ -4,7 +4,7 @@ const { beforeFrames, changeCallbacks, handlers, replayCallbacks, reportMissing,
 
 // `viewReady` is a promise of the mutable state of viser's page (`ViewerMutable` in viser's client).
 // `beforeFrames(view, priority, callback)` calls a function before each frame; viser sets poses at priority -1,000.
-// `reportMissing(missing, count)` says how many bodies have no mesh yet although all messages have arrived.
+// `reportMissing(missing, count)` says how many bodies have no mesh yet.
 export { beforeFrames, reportMissing, viewReady };
 
 // Calls `handler(key, values)` for each message of a topic: of "poses/3" the topic is "poses" and the key "3".

@@ -125,6 +125,7 @@
   }
 
   window.addEventListener("error", ({ message }) => message && suspect(message));
+  window.addEventListener("unhandledrejection", ({ reason }) => suspect(String(reason?.message ?? reason)));
   window.addEventListener("webglcontextlost", () => suspect("the graphics context was lost"), true);
   setPageInterval(() => {
     if (document.visibilityState !== "visible") return;
@@ -139,7 +140,7 @@
     if (++suspicion.checks >= MAX_SILENT_CHECKS) showNotice(`The 3D view has stopped: ${suspicion.cause}`);
   }, CHECK_MS);
 
-  // Reports how many bodies lack a mesh although all messages have arrived; without progress the view is stuck.
+  // Reports how many bodies lack a mesh; without progress, and without messages that may bring them, the view is stuck.
   function reportMissing(missing, count) {
     if (missing === stuck.missing) return;
     if (stuck.checks > STUCK_CHECKS) notice.hidden = true;
@@ -154,16 +155,20 @@
   function attach(attached) {
     view = attached;
     let isBounded = false;
+    let isReplayed = false;
     // viser takes each batch out of its queue with `splice` before it handles it.
     view.messageQueue.splice = (...range) => {
       if (!isBounded) boundCopies(view);
       isBounded = true;
       if (view.firstMessageBatch) {
+        isReplayed = false;
         waiting.clear();
         for (const callback of resetCallbacks) callback();
       }
       const messages = Array.prototype.splice.apply(view.messageQueue, range);
+      if (messages.length && !isReplayed) stuck.checks = 0;
       if (messages.some(({ type }) => !type.includes("Camera"))) for (const callback of changeCallbacks) callback();
+      isReplayed ||= messages.some(({ type }) => type === "ReplayDoneMessage");
       if (messages.some(({ type }) => type === "ReplayDoneMessage")) for (const callback of replayCallbacks) callback();
       return messages.filter(receive);
     };
