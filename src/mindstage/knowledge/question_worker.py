@@ -50,11 +50,14 @@ __all__ = [
     "QuestionRequest",
     "StateArrays",
     "StateTemplate",
+    "StatementChange",
     "holder_input",
     "movable_joints",
     "run_holder",
 ]
 
+StatementChange = tuple[ox.Quad, bool]
+"""See `KnowledgeBase.repeat_changes`."""
 COMMAND = Struct("<cQ")
 """A command to the holder: its letter, and the id of a process."""
 FORK, KILL = b"F", b"K"
@@ -135,7 +138,7 @@ class QuestionRequest:
     """Whether the answers are wanted as JSON."""
     as_rows: bool
     """Whether the rows are wanted as objects."""
-    changes: Sequence[tuple[ox.Quad, bool]] = ()
+    changes: Sequence[StatementChange] = ()
     """See `KnowledgeBase.repeat_changes`."""
     template_size: int = 0
     """The size of a new pickled `StateTemplate`, which is at the end of the shared memory; 0 if there is none [bytes].

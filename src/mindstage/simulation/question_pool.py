@@ -21,7 +21,7 @@ import tempfile
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sized
+from collections.abc import Callable, Hashable, Mapping, Sequence, Sized
 from concurrent.futures import Future, InvalidStateError, ThreadPoolExecutor
 from contextlib import suppress
 from contextvars import Context, copy_context
@@ -36,7 +36,6 @@ from weakref import WeakKeyDictionary, ref
 
 import msgspec
 import numpy as np
-import pyoxigraph as ox
 
 from mindstage.access.fair_queue import FairQueue
 from mindstage.access.limits import (
@@ -66,6 +65,7 @@ from mindstage.knowledge.question_worker import (
     QuestionReply,
     QuestionRequest,
     StateArrays,
+    StatementChange,
     StateTemplate,
     holder_input,
     movable_joints,
@@ -298,7 +298,7 @@ class _Worker:
         self,
         asked: WaitingQuestion,
         state: _State | None,
-        changes: list[tuple[ox.Quad, bool]],
+        changes: list[StatementChange],
         *,
         timeout_s: float,
         while_waiting: Callable[[], None],
@@ -406,7 +406,7 @@ class QuestionPool:
         self._cache_lock = threading.Lock()
         self._knowledge: KnowledgeBase | None = None
         self._generation = 0
-        self._changes: list[tuple[ox.Quad, bool]] = []
+        self._changes: list[StatementChange] = []
         self._knowledge_lock = threading.Lock()
 
     @classmethod
@@ -671,7 +671,7 @@ class QuestionPool:
                 self._generation, self._changes = self._generation + 1, []
                 knowledge.on_change(partial(_note_change, ref(self), ref(knowledge)))
 
-    def note_change(self, knowledge: KnowledgeBase, quads: list[ox.Quad] | None) -> None:
+    def note_change(self, knowledge: KnowledgeBase, quads: Sequence[Any] | None) -> None:
         """Notes a change of the knowledge base, whose lock is held."""
         with self._knowledge_lock:
             if knowledge is not self._knowledge:
@@ -751,7 +751,7 @@ class _Lane:
     worker: _Worker | None = None
 
 
-def _note_change(pool: ref[QuestionPool], knowledge: ref[KnowledgeBase], quads: list[ox.Quad] | None) -> None:
+def _note_change(pool: ref[QuestionPool], knowledge: ref[KnowledgeBase], quads: Sequence[Any] | None) -> None:
     """Notes a change for a pool that still exists."""
     if (existing := pool()) is not None and (changed := knowledge()) is not None:
         existing.note_change(changed, quads)
