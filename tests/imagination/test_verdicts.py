@@ -47,7 +47,7 @@ NEAR_EDGE = Plan(
     uncertainty=(Uncertainty(thing="box", position_m=(0.02, 0.0, 0.0), yaw_rad=0.3, mass=0.1),),
 )
 ENDLESS = Plan(
-    steps=(Wait(duration_s=1e6, deadline_s=1e7),),
+    steps=(Wait(duration_s=3600.0, deadline_s=1e7),),
     deadline_s=1e7,
     uncertainty=(Uncertainty(thing="box", mass=0.1),),
 )
