@@ -118,7 +118,7 @@ def imported_packages(path: Path) -> Iterator[tuple[str, str, str]]:
             package = package_of(target)
             if package is None or (path.name == "__init__.py" and package.startswith(f"{own}/")):
                 continue  # a package re-exports names of its sub-packages
-            if package not in {own, "errors"}:
+            if package not in {own, "errors", "ranges"}:
                 yield own, package, target
 
 

@@ -16,7 +16,9 @@ from collections.abc import Collection, Iterable, Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+from mindstage.access.limits import Timeout
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Port, WallTime, checked
 
 if TYPE_CHECKING:
     from mindstage.access.certificates import TlsCertificate
@@ -36,6 +38,7 @@ _POLL_S = 0.2
 """Interval at which a blocking `view` checks its deadline [s]."""
 
 
+@checked
 def open(
     maps: StrPath | Iterable[StrPath] = (),
     *,
@@ -50,7 +53,7 @@ def open(
     endpoint: SparqlEndpoint | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
-    timeout_s: float = 10.0,
+    timeout_s: Timeout = 10.0,
 ) -> Simulation:
     """Opens semantic maps as a simulation: loads a knowledge base, makes an engine and spawns the maps in it.
 
@@ -111,6 +114,7 @@ def open(
     return sim
 
 
+@checked
 def connect(
     url: str,
     maps: StrPath | Iterable[StrPath] = (),
@@ -121,7 +125,7 @@ def connect(
     xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     control_time: bool = False,
-    timeout_s: float = 10.0,
+    timeout_s: Timeout = 10.0,
 ) -> Simulation:
     """Connects to a remote simulation (`mindstage serve`, or Unreal with its plugin).
 
@@ -300,17 +304,18 @@ def diff(
     return compare(world_of(a, of_a), world_of(b, of_b))
 
 
+@checked
 def view(
     sim: Simulation,
     *,
-    port: int | None = None,
+    port: Port | None = None,
     host: str = "127.0.0.1",
     token: str | None = None,
     origins: Collection[str] = (),
     tls: TlsCertificate | None = None,
     visitor_limits: VisitorLimits | None = None,
     block: bool = False,
-    duration_s: float | None = None,
+    duration_s: WallTime | None = None,
 ) -> Viewer:
     """Serves a web page that displays and edits a simulation, at `Viewer.url`.
 
@@ -431,13 +436,14 @@ def _conventions_of(
     return each
 
 
+@checked
 def make_simulation(
     knowledge: KnowledgeBase,
     engine: Engine,
     *,
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
-    timeout_s: float = 10.0,
+    timeout_s: Timeout = 10.0,
 ) -> Simulation:
     """Creates an empty simulation that owns the engine, with geometry from meshes and from shape rules of classes.
 

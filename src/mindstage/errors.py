@@ -27,7 +27,9 @@
     │   ├── AmbiguousSentenceError      a plain sentence that asks several questions, or about several things
     │   ├── QuestionTimeoutError        a question was not answered before its timeout
     │   ├── QueryLimitError             the limit of concurrent questions is reached
-    │   ├── InvalidArgumentError        an invalid argument of a question or an assertion
+    │   ├── QuestionProcessError        the process that answered a question has ended
+    │   ├── InvalidArgumentError        an invalid argument of a function, a question or an assertion
+    │   │   └── NumberRefusedError      a number that is not finite, or beyond its declared range; also a ValueError
     │   ├── SparqlSyntaxError           not a SPARQL query, or one that is not supported
     │   ├── SparqlTimeoutError          a SPARQL query did not finish before its timeout
     │   ├── ReasonerUnavailableError    the OWL 2 RL reasoner is not installed
@@ -42,6 +44,7 @@
     │   ├── EngineTimeoutError          no reply in time; the command may or may not have been executed
     │   ├── UnsupportedByEngineError    a capability that the engine does not have
     │   ├── EngineClosedError           called after `close`
+    │   ├── EngineMemoryError           the bodies or contacts need more memory than the engine may have
     │   └── SimulationDivergedError     positions, velocities or accelerations are not finite
     ├── ImaginationError                a plan, or a copy of a simulation, that cannot be used (exit code 2)
     │   ├── PlanError                   a plan that cannot be read, or does not fit the world
@@ -121,6 +124,7 @@ __all__ = [
     "EndpointUnreachableError",
     "EngineClosedError",
     "EngineError",
+    "EngineMemoryError",
     "EngineTimeoutError",
     "EngineUnavailableError",
     "EpisodeError",
@@ -142,6 +146,7 @@ __all__ = [
     "NameNotFoundError",
     "NoFreePlacementError",
     "NothingToUndoError",
+    "NumberRefusedError",
     "PlanError",
     "PoseUnreachableError",
     "PrologError",
@@ -150,6 +155,7 @@ __all__ = [
     "PrologUnavailableError",
     "QueryLimitError",
     "QuestionNotFoundError",
+    "QuestionProcessError",
     "QuestionTimeoutError",
     "ReasonerUnavailableError",
     "ReferenceRefusedError",
@@ -648,8 +654,17 @@ class QueryLimitError(KnowledgeError):
 
 
 @dataclass(eq=False, repr=False)
+class QuestionProcessError(KnowledgeError):
+    """The process that answered a question has ended, for example since it needed too much memory."""
+
+    code = "QuestionProcessEnded"
+    template = "{question} was not answered: the process that answered it has ended; another one was started, ask again"
+    question: str
+
+
+@dataclass(eq=False, repr=False)
 class InvalidArgumentError(KnowledgeError):
-    """A question has no such argument or does not accept that value, or an assertion is not valid."""
+    """A function or question has no such argument or does not accept that value, or an assertion is not valid."""
 
     code = "ArgumentRefused"
     template = "{subject}: {cause}{hint}"
@@ -657,6 +672,13 @@ class InvalidArgumentError(KnowledgeError):
     _: KW_ONLY
     cause: str
     remedy: str = ""
+
+
+@dataclass(eq=False, repr=False)
+class NumberRefusedError(InvalidArgumentError, ValueError):
+    """A number is not finite, or beyond its declared range; `subject` is the parameter, `cause` the range."""
+
+    code = InvalidArgumentError.code
 
 
 @dataclass(eq=False, repr=False)
@@ -833,6 +855,22 @@ class EngineClosedError(EngineError):
     code = "EngineClosed"
     template = "the engine {engine!r} is closed; make a new one"
     engine: str
+
+
+@dataclass(eq=False, repr=False)
+class EngineMemoryError(EngineError):
+    """The bodies or contacts of a world need more memory than the engine may have."""
+
+    code = "EngineMemoryExceeded"
+    template = (
+        "{what} need {needed_mb:,.1f} MB, more than the {cap_mb:,.1f} MB that the engine may have; simulate fewer"
+    )
+    _: KW_ONLY
+    what: str
+    needed_mb: float
+    """What is needed at least [MB]."""
+    cap_mb: float
+    """The most that the engine may have [MB]."""
 
 
 @dataclass(eq=False, repr=False)
@@ -1162,6 +1200,8 @@ class MessageValidationError(BridgeError):
     remedy: str = ""
     id: str | int | None = None
     """The message's own id on the wire, where it could be read."""
+    answer: object = None
+    """The operation that answers the message, if it is a call or a goal whose id could be read."""
 
     @property
     def at_path(self) -> str:

@@ -17,6 +17,8 @@ from itertools import count
 from pathlib import Path
 from uuid import uuid4
 
+from mindstage.ranges import Index, WallTime, checked
+
 __all__ = [
     "atomic_file",
     "atomic_folder",
@@ -213,7 +215,8 @@ def _synchronize(path: Path, flags: int) -> None:
         os.close(descriptor)
 
 
-def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: int) -> bytes:
+@checked
+def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: Index) -> bytes:
     """A file of the cache: read if an earlier run has made it, else made and stored, if the disk allows it.
 
     Args:
@@ -234,7 +237,8 @@ def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: int) -> 
     return content
 
 
-def delete_least_recently_used(newest: Path, *, max_bytes: int) -> None:
+@checked
+def delete_least_recently_used(newest: Path, *, max_bytes: Index) -> None:
     """Deletes the least recently used files in a directory while their total size is too large.
 
     Args:
@@ -265,7 +269,8 @@ def _permissions(path: Path) -> int | None:
 
 
 @contextmanager
-def file_lock(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
+@checked
+def file_lock(path: Path, *, timeout_s: WallTime = _LOCK_TIMEOUT_S) -> Iterator[None]:
     """Excludes others that lock the same path, until the `with` block ends or the file is replaced.
 
     The file itself is locked, and is created empty for that; it is removed if it still is empty at the end. On Windows,

@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from mindstage.files import atomic_file, cache_dir, is_own_folder
+from mindstage.ranges import Port, checked
 
 __all__ = ["HOST", "QUERY_SERVICE", "RunRecord", "running_simulations"]
 
@@ -44,7 +45,8 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     """Address of the page; empty without one."""
 
     @classmethod
-    def of_this_process(cls, *, port: int, token: str, maps: Sequence[str], page: str = "") -> RunRecord:
+    @checked
+    def of_this_process(cls, *, port: Port, token: str, maps: Sequence[str], page: str = "") -> RunRecord:
         """Makes the record of a simulation in this process."""
         process = os.getpid()
         return cls(

@@ -17,7 +17,7 @@ from collections.abc import Collection
 if sys.platform != "win32":
     import resource
 
-__all__ = ["confine", "deny_network"]
+__all__ = ["confine", "deny_network", "end_with_parent"]
 
 _PR_SET_PDEATHSIG, _PR_SET_NO_NEW_PRIVS = 1, 38
 _SIGKILL = 9
@@ -71,9 +71,8 @@ def confine() -> str | None:
     if sys.platform == "win32":
         return "Windows cannot confine a process to its open files"
     if sys.platform == "linux":
-        libc = ctypes.CDLL(None, use_errno=True)
-        libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(_SIGKILL), *[ctypes.c_ulong(0)] * 3)
-        _deny_paths(libc)
+        end_with_parent()
+        _deny_paths(ctypes.CDLL(None, use_errno=True))
     for limit in (resource.RLIMIT_NPROC, resource.RLIMIT_FSIZE, resource.RLIMIT_CORE, resource.RLIMIT_NOFILE):
         resource.setrlimit(limit, (0, 0))
     machine = platform.machine()
@@ -84,6 +83,13 @@ def confine() -> str | None:
     except OSError:
         return None
     return "the system does not enforce that no file is opened"
+
+
+def end_with_parent() -> None:
+    """Ends this process with the thread of its parent that has started it, on Linux."""
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None, use_errno=True)
+        libc.prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(_SIGKILL), *[ctypes.c_ulong(0)] * 3)
 
 
 def deny_network(*, no_new_files: bool) -> bool:

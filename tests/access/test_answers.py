@@ -145,6 +145,7 @@ class FailingController:
     """Fails in each step, with an error that names a file."""
 
     period_s = 0.01
+    is_active = True
 
     def update(self, *_: Any) -> None:
         raise OSError(28, "No space left on device", f"{tempfile.gettempdir()}/arena/blocks.bin")

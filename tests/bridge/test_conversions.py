@@ -31,6 +31,7 @@ from mindstage.errors import (
     BodyNotFoundError,
     EngineClosedError,
     EngineError,
+    EngineMemoryError,
     EngineTimeoutError,
     EngineUnavailableError,
     HistoryChangedError,
@@ -226,6 +227,7 @@ def test_a_refusal_of_an_unknown_kind_is_a_world_error() -> None:
 ENGINE_ERRORS = [
     SimulationDivergedError(time_s=1.25, what="velocities"),
     EngineClosedError("mujoco"),
+    EngineMemoryError(what="6 bodies", needed_mb=1024.0, cap_mb=1.5),
     EngineUnavailableError("mujoco", cause="not installed", remedy="install it"),
     EngineTimeoutError("ros://127.0.0.1:9090/unreal", call="step", timeout_s=10.0),
     UnsupportedByEngineError("ros://127.0.0.1:9090/unreal", what="push bodies", remedy="set their poses"),

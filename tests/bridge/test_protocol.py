@@ -63,7 +63,7 @@ REFUSED = [
     ('{"op":"subscribe","id":"q","topic":"/a","compression":"zip"}', "subscribe", "compression", "'zip'"),
     ('{"op":"cancel_action_goal","action":"/go"}', "cancel_action_goal", "", "`id`"),
     ('{"op":"service_response","id":"q","service":"/a","values":{}}', "service_response", "", "`result`"),
-    ('{"op":"publish","topic":"/a","msg":{"a":"\ud800"}}', "message", "", "surrogates"),
+    ('{"op":"publish","topic":"/a","msg":{"a":"\ud800"}}', "publish", "", "surrogates"),
     ('{"op":"png","id":"q","data":"no base64"}', "png", "", "not a PNG"),
     (b"\xff\xfe\x00garbage", "binary frame", "", "not CBOR"),
     (b"", "binary frame", "", "not CBOR"),

@@ -344,23 +344,25 @@ def test_a_number_of_another_type_in_a_subscription_is_refused(make_raw_client: 
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity"])
-def test_numbers_that_json_does_not_have_get_a_status_with_the_id(
+def test_numbers_that_json_does_not_have_get_a_response_with_the_id(
     make_raw_client: Callable[..., RawClient], number: str
 ) -> None:
     client = make_raw_client()
     client.send(f'{{"op":"call_service","id":"c:1","service":"/a","args":{{"x":{number}}}}}')
-    assert "send null" in client.receive("status", id="c:1", level="error")["msg"]
+    response = client.receive("service_response", id="c:1")
+    assert not response["result"]
+    assert "send null" in response["values"]
     client.send(f'{{"op":"call_service","id":["c"],"service":"/a","args":{{"x":{number}}}}}')
     assert client.receive("status", level="error").get("id") is None
 
 
 @pytest.mark.parametrize("value", [2**80, -(2**80), cbor2.CBORTag(100, 1)])
-def test_cbor_values_that_json_does_not_have_get_a_status_with_the_id(
+def test_cbor_values_that_json_does_not_have_get_a_response_with_the_id(
     make_raw_client: Callable[..., RawClient], value: object
 ) -> None:
     client = make_raw_client()
     call = {"op": "call_service", "id": "c:1", "service": "/a", "args": {"x": value}}
     client.send(cbor2.dumps(call))
-    assert "JSON cannot represent it" in client.receive("status", id="c:1", level="error")["msg"]
+    assert "JSON cannot represent it" in client.receive("service_response", id="c:1", result=False)["values"]
     client.send(cbor2.dumps({**call, "args": {"x": 2**40}}))
     assert client.receive("service_response", id="c:1")["result"] is False  # no such service

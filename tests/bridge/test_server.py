@@ -48,7 +48,7 @@ def test_other_hosts_are_not_loopback(host: str) -> None:
 
 
 def test_an_unavailable_address_is_named_in_the_error(local_node: LocalNode, server: RosbridgeServer) -> None:
-    for host, port in [("127.0.0.1", server.port), ("127.0.0.1", 99999), ("192.0.2.1", 0), ("no.such.host.invalid", 0)]:
+    for host, port in [("127.0.0.1", server.port), ("192.0.2.1", 0), ("no.such.host.invalid", 0)]:
         with pytest.raises(BridgeUnavailableError, match="or another port"):
             RosbridgeServer(local_node, host=host, port=port, token="secret").start()
 

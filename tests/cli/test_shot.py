@@ -48,7 +48,7 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
     ("options", "message"),
     [
         (("--size", "big"), "'big' is not a size; give width and height, such as 1280x800"),
-        (("--size", "0x100"), "0 x 100 cannot be rendered"),
+        (("--size", "0x100"), "size 0: it must be an integer from 1 to 8192"),
         (("--from", "1,2"), "'1,2' is not a point; give three numbers"),
         (("--from", "1,2,nan"), "is not a point"),
         (("--from", "1,2,3", "--to", "fridge"), "'fridge' is not a point"),

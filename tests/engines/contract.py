@@ -846,7 +846,7 @@ class PhysicsContract(DescriptionContract):
         assert moved["crate1"] < 0.001 < 0.1 < unscaled["crate1"], "8 kg with a friction of 0.8 need 63 N"
         assert moved["crate2"] == pytest.approx((25.0 / 2.0 - 0.2 * 9.81) / 2 * 0.5**2, rel=0.05)
         for invalid in (0.0, -1.0, float("nan"), float("inf")):
-            with pytest.raises(ValueError, match="mass of 'crate1'"):
+            with pytest.raises(ValueError, match=r"mass .* above 0"):
                 engine.scale_dynamics({heavy: DynamicsScale(mass=invalid)})
         with pytest.raises(BodyNotFoundError):
             engine.scale_dynamics({slippery: DynamicsScale(), BodyId("nothing"): DynamicsScale()})

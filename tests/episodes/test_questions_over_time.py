@@ -291,8 +291,8 @@ def test_measured_values_that_change_are_answers_of_their_own(run: Run) -> None:
     [
         ({"at": 99.0}, EpisodeTimeError, "run has no state at 99 s; it lasts from 0 to 1.5 s"),
         ({"at": -1.0}, EpisodeTimeError, "no state at -1 s"),
-        ({"at": "noon"}, InvalidArgumentError, "'noon' is no time"),
-        ({"at": float("nan")}, InvalidArgumentError, "no time"),
+        ({"at": "noon"}, InvalidArgumentError, "at 'noon': it must be a number"),
+        ({"at": float("nan")}, InvalidArgumentError, "at nan: it must be a number"),
         ({"at": 1.0, "since": 0.5}, InvalidArgumentError, "together with an interval"),
         ({"during": (1.0, 0.5)}, InvalidArgumentError, "0.5 s is before 1 s"),
         ({"during": "1"}, InvalidArgumentError, "no interval"),

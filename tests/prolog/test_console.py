@@ -179,7 +179,7 @@ def test_there_is_one_console_at_a_time(kitchen: PrologConsole, kitchen_simulati
 
 @pytest.mark.parametrize(("limit", "timeout_s"), [(0, 1.0), (1, 0.0), (1, float("inf")), (1, float("nan"))])
 def test_limits_must_be_positive_and_finite(limit: int, timeout_s: float, kitchen: PrologConsole) -> None:
-    with pytest.raises(ValueError, match="limit and timeout_s must be positive and finite"):
+    with pytest.raises(ValueError, match=r"(limit|timeout_s) .*: it must be"):
         kitchen.solutions("true", limit=limit, timeout_s=timeout_s)
 
 

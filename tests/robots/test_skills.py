@@ -87,8 +87,8 @@ class TestDeclaration:
         ("name", "args", "cause"),
         [
             ("open", {}, "thing is missing"),
-            ("open", {"thing": "fridge", "fraction": 2}, "2 is out of range"),
-            ("open", {"thing": "fridge", "fraction": "half"}, "'half' is no finite number"),
+            ("open", {"thing": "fridge", "fraction": 2}, "fraction 2: it must be a number from 0 to 1"),
+            ("open", {"thing": "fridge", "fraction": "half"}, "fraction 'half': it must be a number"),
             ("open", {"thing": " "}, "' ' is no name"),
             ("open", {"door": "fridge"}, "it has no argument 'door'"),
             ("place", {"thing": "milk"}, "no destination is given"),

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from mindstage.bridge import LocalNode
+from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.episodes.episode import Episode
 from mindstage.errors import ServiceCallError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
+from mindstage.ros import RosInterface
+from mindstage.scene import BodyId
 from mindstage.simulation import Simulation
 from tests.kitchenette import MAP
 from tests.ros.ros_messages import Ask, Call, pose_message
@@ -54,6 +57,43 @@ def test_questions_are_about_the_current_state(call: Call, ask: Ask) -> None:
     assert under_the_mug() == {"Cupboard"}
     call("set_model_pose", id="Mug", pose=pose_message(0.0, -2.0, 0.05))
     assert under_the_mug() == {"Floor"}
+
+
+def test_an_answer_has_the_time_and_the_revision_of_its_state(call: Call, ask: Ask, simulation: Simulation) -> None:
+    simulation.step(0.25)
+    before = ask("where_is", thing="Mug")["state"]
+    assert before == {"time_s": pytest.approx(simulation.state.time_s), "revision": simulation.state.revision}
+    simulation.run_on_engine(lambda engine: engine.set_label(BodyId("Mug"), "mine"), edits=True)
+    assert ask("where_is", thing="Mug")["state"]["revision"] == before["revision"] + 1
+
+
+def test_all_questions_of_several_clients_are_answered(
+    local_node: LocalNode, simulation: Simulation, ros_interface: RosInterface
+) -> None:
+    expected = {
+        name: json.loads(json.dumps(answers_to_builtins(simulation.knowledge, simulation.ask("pose_of", name))))
+        for name in ("Mug", "Cupboard", "Floor")
+    }
+
+    def asked_by(client: RosbridgeClient, name: str) -> tuple[str, object]:
+        call = {"question": "pose_of", "args": json.dumps({"thing": name})}
+        answers = json.loads(client.call_service("/mindstage/ask", call, timeout_s=60.0)["answers"])
+        assert answers.pop("state")
+        return name, answers
+
+    with (
+        RosbridgeServer(local_node, port=0) as server,
+        RosbridgeClient(server.url) as many,
+        RosbridgeClient(server.url) as one,
+        ThreadPoolExecutor(31) as threads,
+    ):
+        many.wait_connected(60.0)
+        one.wait_connected(60.0)
+        asked = [threads.submit(asked_by, many, name) for name in list(expected) * 10]
+        asked.append(threads.submit(asked_by, one, "Mug"))
+        for each in asked:
+            name, answers = each.result(60.0)
+            assert answers == expected[name]
 
 
 def test_questions_and_queries_are_about_a_time_of_what_is_recorded(

@@ -493,13 +493,13 @@ def _model(engine: Engine) -> Mapping[str, Mapping[str, Array]]:
 
 
 def joint_axes(engine: Engine) -> dict[BodyId, tuple[Array, Array]]:
-    """Anchor and axis of the first degree of freedom of each joint of the model, in the frame of its parent."""
+    """Anchor and axis of each joint of the model that moves along or about one axis, in the frame of its parent."""
     compiled = engine.compiled()  # type: ignore[attr-defined]
     compiled.update_poses()
     poses = dict(zip(*engine.poses(), strict=True))
     found = {}
     for id, joint in compiled.joints.items():
-        if joint.axes:
+        if len(joint.axes) == 1:
             number = compiled.model.dof_jntid[joint.dof_address]
             kind = compiled.model.jnt_type[number]
             parent = poses[joint.tree_joint.parent]

@@ -309,7 +309,7 @@ def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: 
     assert sim.undo_stack.history.undo == ("fail",)
 
 
-# -- what is simulated ---------------------------------------------------------------------------------------------------
+# -- what is simulated -------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

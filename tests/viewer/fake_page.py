@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from concurrent.futures import wait
 from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 
-from mindstage.viewer.server import RpcChannel, _Request
+from mindstage.viewer.server import Later, RpcChannel, _Request
 
 
 class FakePage:
@@ -20,7 +21,11 @@ class FakePage:
     def ask(self, method: str, **arguments: object) -> Any:
         """Sends a request; an error response is raised as a `RequestFailedError`."""
         request = _Request(id=1, method=method, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
-        reply = msgspec.json.decode(self._channel._run_handler(self.session, request))
+        text = self._channel._run_handler(self.session, request)
+        while isinstance(text, Later):
+            wait([text.future], timeout=60.0)
+            text = self._channel._run_handler(self.session, request, text)
+        reply = msgspec.json.decode(text)
         if "error" in reply:
             raise RequestFailedError(f"{reply['error']['type']}: {reply['error']['message']}")
         return reply["result"]

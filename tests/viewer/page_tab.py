@@ -40,7 +40,15 @@ def to_picture(view: CameraPose, point: Vector, box: dict[str, float]) -> tuple[
 class PageTab(PagePointer):
     """A browser tab with the page, with the 3D view or, for speed, without."""
 
-    def __init__(self, page: Any, viewer: Viewer, *, view: bool) -> None:
+    def __init__(self, page: Any, viewer: Viewer, *, view: bool, is_drawn: bool = True) -> None:
+        """Opens the page.
+
+        Args:
+            page: the empty tab.
+            viewer: the server.
+            view: whether the page has the 3D view.
+            is_drawn: whether to wait until the view is drawn.
+        """
         self.page, self.viewer = page, viewer
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
@@ -50,7 +58,7 @@ class PageTab(PagePointer):
             page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
         page.goto(f"{viewer.url}/?fixedDpr=1")
         wait_until(lambda: page.evaluate("document.body.dataset.connected === 'true'"), "the page is connected")
-        if view:
+        if view and is_drawn:
             wait_until(lambda: self.camera is not None, "the view is connected")
             wait_until(lambda: page.evaluate(_HAS_BODIES), "bodies are loaded")  # a picture of nothing is slow, too
             wait_until(lambda: self.colors() > 50, "the scene is drawn")

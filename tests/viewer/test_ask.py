@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.knowledge import bundled_kitchen
 from mindstage.knowledge.queries import list_questions
 from mindstage.prolog import is_installed, solve_query
+from mindstage.simulation.question_pool import QuestionPool
 from mindstage.viewer.ask import AskHandler
 from mindstage.viewer.server import RpcChannel
 from tests.viewer.fake_page import FakePage, RequestFailedError
@@ -299,21 +302,55 @@ def test_an_assertion_about_an_unknown_name_is_refused(page: FakePage) -> None:
 def test_a_question_has_a_timeout_and_other_requests_are_answered(
     simulation: Simulation, channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    AskHandler(simulation, channel, timeout_s=0.2)
+    pool = QuestionPool(simulation, time_s=0.2)
+    AskHandler(simulation, channel, timeout_s=0.2, pool=pool)
     page, enough = FakePage(channel), threading.Event()
     monkeypatch.setattr(simulation, "ask", lambda *_, **__: enough.wait(60.0))
     try:
-        for _ in range(4):
-            with pytest.raises(
-                RequestFailedError, match=r"QuestionTimedOut: the question 'maps' was not answered within 0.2 s"
-            ):
-                page.ask("ask", question="maps")
-        with pytest.raises(RequestFailedError, match=r"TooManyQuestions: .*4 other questions are being answered"):
+        with pytest.raises(RequestFailedError, match=r"QuestionTimedOut: maps was not answered within 0.2 s"):
             page.ask("ask", question="maps")
+        for _ in range(4):
+            with pytest.raises(RequestFailedError, match=r"QuestionTimedOut: .*'stays' was not answered within 0.2 s"):
+                page.ask("ask", question="stays")
+        with pytest.raises(RequestFailedError, match=r"TooManyQuestions: .*4 other questions are being answered"):
+            page.ask("ask", question="stays")
         assert page.ask("ask.questions")
         assert simulation.ping() < 10.0
     finally:
         enough.set()
+        pool.close()
+
+
+def test_a_page_is_told_the_place_of_its_question_while_it_waits(
+    simulation: Simulation, channel: RpcChannel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pool, enough = QuestionPool(simulation, processes=1), threading.Event()
+    monkeypatch.setattr(pool, "start_processes", lambda: None)
+    handler = AskHandler(simulation, channel, pool=pool)
+    ask = simulation.ask
+    monkeypatch.setattr(simulation, "ask", lambda *args, **named: enough.wait(60.0) and ask(*args, **named))
+    told: list[tuple[str, object]] = []
+    page = FakePage(channel)
+    page.session.send_event = lambda topic, value: told.append((topic, value))
+    try:
+        first, end_s = pool.submit("maps", {}, client="another"), time.monotonic() + 60.0
+        while pool.place(first)[0] and time.monotonic() < end_s:
+            time.sleep(0.01)
+        with ThreadPoolExecutor(1) as threads:
+            answered = threads.submit(page.ask, "ask", question="where_is", args={"thing": "fridge"})
+            while not told and time.monotonic() < end_s:
+                handler.publish(simulation.state)
+                time.sleep(0.01)
+            enough.set()
+            assert answered.result(60.0)["total"] > 0
+        assert told[0] == ("ask.place", {"place": 1, "waiting": 1})
+        assert first.result.result(60.0).json
+        told.clear()
+        handler.publish(simulation.state)
+        assert not told
+    finally:
+        enough.set()
+        pool.close()
 
 
 # -- sentences ---------------------------------------------------------------------------------------------------------

@@ -5,14 +5,30 @@ Servers and handlers refer to the limits of this table and define none of their 
 
 from __future__ import annotations
 
-import math
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
 
-from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Count, Index, Positive, Range, check_fields, check_number
 
-__all__ = ["LIMITS", "BridgeLimits", "Excess", "Limit", "RpcLimits", "VisitorLimits"]
+__all__ = [
+    "LIMITS",
+    "BridgeLimits",
+    "Deadline",
+    "Duration",
+    "Excess",
+    "Lifetime",
+    "Limit",
+    "MotionTimeout",
+    "PositiveDuration",
+    "Rate",
+    "RpcLimits",
+    "Samples",
+    "Speed",
+    "Timeout",
+    "VisitorLimits",
+]
 
 _MIB = 1 << 20
 
@@ -53,13 +69,15 @@ class Limit(msgspec.Struct, frozen=True, kw_only=True):
         """Returns a value that is in the range.
 
         Raises:
-            InvalidArgumentError: it is not a number, not finite, or out of the range.
+            NumberRefusedError: it is not a number, not finite, or out of the range.
         """
-        if not (self.minimum <= value <= self.maximum and math.isfinite(value)):
-            unit = f" {self.unit}" if self.unit else ""
-            cause = f"it must be a number from {self.minimum:g} to {self.maximum:g}{unit}"
-            raise InvalidArgumentError(f"{self.name} {value}", cause=cause)
+        check_number(value, Range.of(self.meta), self.name)
         return value
+
+    @property
+    def meta(self) -> msgspec.Meta:
+        """The range, for the type of a parameter: `Annotated[float, SPEED]`."""
+        return msgspec.Meta(ge=self.minimum, le=self.maximum, extra={"unit": self.unit} if self.unit else None)
 
 
 LIMITS: dict[str, Limit] = {}
@@ -315,6 +333,38 @@ FILE_TIME = _limit(
     "the largest known map needs a minute",
     unit="s",
 )
+QUESTION_PROCESSES = _limit(
+    "processes that answer the questions of ports",
+    2,
+    "each takes a core; they have the statements in common, so that their memory does not double",
+    excess=Excess.SLOWED,
+)
+QUESTION_TIME = _limit(
+    "time of a question in its process", 30.0, "the process is ended then, and others wait for it", unit="s"
+)
+QUESTION_WAIT = _limit(
+    "time that a question waits for a process",
+    20.0,
+    "clients take turns; a question that waits longer would be answered after its client has given up",
+    unit="s",
+)
+CLIENT_QUESTIONS = _limit(
+    "waiting questions of a client", 256, "as many as a client of the rosbridge may have calls that are pending"
+)
+QUESTIONS = _limit("waiting questions", 4096, "each is kept in memory; they are refused before they wait too long")
+QUESTION_STATEMENTS = _limit(
+    "statements of which processes have a copy",
+    500_000,
+    "the copy takes memory, and seconds of a lock; questions about more are answered one after the other by the server",
+    excess=Excess.SLOWED,
+)
+QUESTION_CACHE = _limit(
+    "answers that are kept until the state changes",
+    32 * _MIB,
+    "many clients ask the same; the oldest are forgotten",
+    unit="B",
+    excess=Excess.CUT,
+)
 QUERY_SERVICE_TIME = _limit(
     "time of a question or a query",
     60.0,
@@ -326,6 +376,18 @@ VISITORS = _limit("addresses that are remembered", 4096, "those that used least 
 HANDSHAKE = _limit("time of the TLS handshake", 10.0, "a client that does not complete it occupies a socket", unit="s")
 
 
+Speed = Annotated[float, SPEED.meta]
+Duration = Annotated[float, STEP_DURATION.meta]
+Timeout = Annotated[float, CALL_TIMEOUT.meta]
+MotionTimeout = Annotated[float, MOTION_TIMEOUT.meta]
+Rate = Annotated[float, PUBLISH_RATE.meta]
+Lifetime = Annotated[float, MARKER_LIFETIME.meta]
+PositiveDuration = Annotated[float, msgspec.Meta(gt=0.0, le=STEP_DURATION.maximum, extra={"unit": "s"})]
+Deadline = Annotated[float, msgspec.Meta(gt=0.0, le=1e9, extra={"unit": "s"})]
+Samples = Annotated[int, msgspec.Meta(ge=1, le=PLAN_SAMPLES.count)]
+"""Types of parameters, see `ranges`."""
+
+
 class VisitorLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Limits of one address at a server; the defaults are far above what robots and their tools need.
 
@@ -333,16 +395,19 @@ class VisitorLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     message is lost.
     """
 
-    connections: int = 64
+    connections: Count = 64
     """Open connections of an address that is not this machine."""
-    messages_per_second: float = 5000.0
+    messages_per_second: Positive = 5000.0
     """Messages from an address that is not this machine [1/s]."""
-    bytes_per_second: float = 64.0 * 1024**2
+    bytes_per_second: Positive = 64.0 * 1024**2
     """Bytes from an address that is not this machine [B/s]."""
-    queries_per_second: float = 10.0
+    queries_per_second: Positive = 10.0
     """Queries, questions, files and other expensive requests of any port, from an address that is not this machine."""
-    failed_tokens_per_minute: float = 20.0
+    failed_tokens_per_minute: Positive = 20.0
     """Wrong tokens from any address; beyond it, no token from that address is checked for a while."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 DEFAULT_VISITOR_LIMITS = VisitorLimits()
@@ -352,14 +417,17 @@ DEFAULT_VISITOR_LIMITS = VisitorLimits()
 class RpcLimits(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of the channel of the page."""
 
-    max_sessions: int = 64
+    max_sessions: Count = 64
     """Open pages."""
-    message_bytes: int = 24 * _MIB
+    message_bytes: Count = 24 * _MIB
     """Size of a message; maps are uploaded in one message [B]."""
-    max_pending: int = 64
+    max_pending: Count = 64
     """Unanswered requests of a page."""
-    max_requests_per_second: float = 120.0
+    max_requests_per_second: Positive = 120.0
     """Sustained rate of a page; bursts of twice as many are allowed [1/s]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class BridgeLimits(msgspec.Struct, frozen=True, kw_only=True):
@@ -368,42 +436,45 @@ class BridgeLimits(msgspec.Struct, frozen=True, kw_only=True):
     The defaults are generous for a robot and its tools, and small compared with the memory of a machine.
     """
 
-    message_bytes: int = 32 * _MIB
+    message_bytes: Count = 32 * _MIB
     """Size of one message after fragments were joined and compression was removed."""
-    png_bytes: int = 1 * _MIB
+    png_bytes: Count = 1 * _MIB
     """Size of the pixels of one PNG message."""
-    cbor_bytes: int = 8 * _MIB
+    cbor_bytes: Count = 8 * _MIB
     """Size of one binary frame; its typed arrays become several times larger when they are decoded."""
-    depth: int = 64
+    depth: Count = 64
     """Nesting depth of arrays and objects."""
-    fragments: int = 4096
+    fragments: Count = 4096
     """Fragments of one message, in both directions."""
-    fragmented_messages: int = 16
+    fragmented_messages: Index = 16
     """Incomplete messages of one connection."""
-    fragment_timeout_s: float = 30.0
+    fragment_timeout_s: Deadline = 30.0
     """Time between two fragments of a message, after which the message is discarded [s]."""
-    connections: int = 256
+    connections: Count = 256
     """Connections of one server."""
-    calls: int = 256
+    calls: Index = 256
     """Pending service calls of one client."""
-    goals: int = 64
+    goals: Index = 64
     """Active action goals of one client."""
-    orphaned_goal_timeout_s: float = 60.0
+    orphaned_goal_timeout_s: Deadline = 60.0
     """Time for the result of a goal that was canceled because its client disconnected [s]."""
-    advertisements: int = 1024
+    advertisements: Index = 1024
     """Services, actions and topics that one client advertises."""
-    subscriptions: int = 1024
+    subscriptions: Index = 1024
     """Subscriptions of one client."""
-    waiting_messages: int = 16384
+    waiting_messages: Count = 16384
     """Queued frames to one peer; a peer that reads so slowly that the limit is exceeded is disconnected."""
-    waiting_bytes: int = 64 * _MIB
+    waiting_bytes: Count = 64 * _MIB
     """Total size of the queued frames to one peer."""
-    call_timeout_s: float = 10.0
+    call_timeout_s: Deadline = 10.0
     """Timeout of a service call that has none of its own [s]."""
-    max_call_timeout_s: float = 3600.0
+    max_call_timeout_s: Deadline = 3600.0
     """Longest timeout that a service call can request [s]."""
-    auth_timeout_s: float = 10.0
+    auth_timeout_s: Deadline = 10.0
     """Time for a client to authenticate, if a token is required [s]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 DEFAULT_BRIDGE_LIMITS = BridgeLimits()

@@ -20,7 +20,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from mindstage.access.limits import NODE_GOALS
+from mindstage.access.fair_queue import handling_for
+from mindstage.access.limits import NODE_GOALS, Timeout
 from mindstage.access.policies import EDIT, EntryKind, Policy
 from mindstage.access.resources import without_paths
 from mindstage.bridge.event_loop import EventLoopThread, KeyedSerialExecutor
@@ -35,6 +36,7 @@ from mindstage.bridge.protocol import (
     SendActionGoal,
     ServiceResponse,
     content,
+    non_finite_path,
 )
 from mindstage.errors import (
     BridgeError,
@@ -46,6 +48,7 @@ from mindstage.errors import (
     ServiceNotFoundError,
     ServiceTimeoutError,
 )
+from mindstage.ranges import checked
 from mindstage.unicode_json import encode_json
 
 __all__ = [
@@ -94,7 +97,8 @@ class ClientGoalHandle:
         """Requests cancellation; the result of `wait` has the final status."""
         self._cancel(self.id)
 
-    def wait(self, timeout_s: float = 10.0) -> GoalResult:
+    @checked
+    def wait(self, timeout_s: Timeout = 10.0) -> GoalResult:
         """Waits for the result.
 
         Raises:
@@ -129,7 +133,8 @@ class ServerGoalHandle:
         """Whether cancellation was requested, or the client has disconnected."""
         return self._cancelled.is_set()
 
-    def wait_for_cancel(self, timeout_s: float) -> bool:
+    @checked
+    def wait_for_cancel(self, timeout_s: Timeout) -> bool:
         """Sleeps, at most until cancellation is requested; returns whether it was."""
         return self._cancelled.wait(timeout_s)
 
@@ -317,13 +322,14 @@ def _decode_arguments(name: str, raw: msgspec.Raw | msgspec.UnsetType) -> Any:
     try:
         return _decode_values(raw)
     except msgspec.DecodeError as error:
-        raise MessageValidationError(f"the arguments of {name}", cause=str(error)) from None
+        path = non_finite_path(bytes(content(raw)).decode())
+        raise MessageValidationError(f"the arguments of {name}", path=path, cause=str(error)) from None
 
 
 ServiceHandler = Callable[[Any], object]
 """Called with the arguments as they were sent (an object, or a list of its fields); returns the response as values that
-JSON can represent, structs included. May be a coroutine function. Its exception becomes a response with `result:
-false`.
+JSON can represent, structs included, or a future of them, during which it occupies no thread. May be a coroutine
+function. Its exception becomes a response with `result: false`.
 """
 
 BatchHandler = Callable[[list[Any]], list[object]]
@@ -361,6 +367,8 @@ class HandlerDispatcher:
         self._send = send
         self.queued: dict[int, CallService] = {}
         """The calls that have not begun, by identity; a call that is popped is never carried out (from any thread)."""
+        self._futures: dict[int, Future[object]] = {}
+        """What the handlers of calls have returned, by the identity of the call, until it has ended."""
         self._goals: dict[Id, ServerGoalHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._next_id = count(1)
@@ -443,8 +451,34 @@ class HandlerDispatcher:
     # -- services ------------------------------------------------------------------------------------------------------
 
     def _handle_call(self, handler: ServiceHandler, caller: Hashable, call: CallService) -> None:
-        was_withdrawn = self.queued.pop(id(call), None) is None
-        self._loop.call_soon(self._end_call, caller, None if was_withdrawn else _call_handler(handler, call))
+        if self.queued.pop(id(call), None) is None:  # it was withdrawn
+            self._loop.call_soon(self._end_call, caller, None)
+            return
+        with handling_for(caller):
+            result = _call(handler, call)
+        if isinstance(result, Future):
+            self._futures[id(call)] = result
+            result.add_done_callback(lambda done: self._end_future(done, caller, call))
+        else:
+            self._loop.call_soon(self._end_call, caller, _response(call, result))
+
+    def withdraw(self, call: CallService) -> bool:
+        """Withdraws a call, unless it has begun; returns whether it is never carried out."""
+        if self.queued.pop(id(call), None) is not None:
+            return True
+        future = self._futures.get(id(call))
+        return future is not None and future.cancel()
+
+    def _end_future(self, done: Future[object], caller: Hashable, call: CallService) -> None:
+        self._futures.pop(id(call), None)
+        if done.cancelled():
+            self._loop.call_soon(self._end_call, caller, None)
+            return
+        try:
+            result = done.result()
+        except Exception as error:
+            result = error
+        self._loop.call_soon(self._end_call, caller, _response(call, result))
 
     def _end_call(self, caller: Hashable, response: ServiceResponse | None) -> None:
         """Sends the response to a call, unless it was withdrawn."""
@@ -525,12 +559,16 @@ def encode_values(values: object) -> msgspec.Raw:
 
 
 def _call_handler(handler: ServiceHandler, call: CallService) -> ServiceResponse:
-    """Calls a handler that is a plain function."""
+    """Calls a handler that is a plain function, and returns at once."""
+    return _response(call, _call(handler, call))
+
+
+def _call(handler: ServiceHandler, call: CallService) -> object:
+    """The result of a handler that is a plain function, or its exception."""
     try:
-        result = handler(_decode_arguments(call.service, call.args))
+        return handler(_decode_arguments(call.service, call.args))
     except Exception as error:
-        result = error
-    return _response(call, result)
+        return error
 
 
 def _response(call: CallService, result: object) -> ServiceResponse:

@@ -29,7 +29,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
 from mindstage.access.certificates import client_tls_context
-from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, BridgeLimits
+from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, BridgeLimits, Timeout
 from mindstage.bridge.broker import resolve_name
 from mindstage.bridge.node import MessageSender, Node
 from mindstage.bridge.protocol import (
@@ -57,6 +57,7 @@ from mindstage.errors import (
     ConnectionLostError,
     ServiceCallError,
 )
+from mindstage.ranges import checked
 
 __all__ = ["ConnectionState", "Refusal", "RosbridgeClient"]
 
@@ -124,6 +125,7 @@ class RosbridgeClient(Node):
     functions handle their calls one at a time, in the order of arrival.
     """
 
+    @checked
     def __init__(
         self,
         url: str,
@@ -131,7 +133,7 @@ class RosbridgeClient(Node):
         token: str | None = None,
         tls_authorities: Path | None = None,
         limits: BridgeLimits = DEFAULT_BRIDGE_LIMITS,
-        max_reconnect_delay_s: float = _MAX_RECONNECT_DELAY_S,
+        max_reconnect_delay_s: Timeout = _MAX_RECONNECT_DELAY_S,
         on_state: Callable[[ConnectionState], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
         on_refusal: Callable[[Refusal], object] | None = None,
@@ -220,7 +222,8 @@ class RosbridgeClient(Node):
         """Adds a refusal that was found in another way, from any thread."""
         self._loop.call(self._refuse, refusal)
 
-    def wait_connected(self, timeout_s: float = 10.0) -> RosbridgeClient:
+    @checked
+    def wait_connected(self, timeout_s: Timeout = 10.0) -> RosbridgeClient:
         """Waits for the connection, over as many attempts as fit into the time.
 
         Raises:
@@ -461,8 +464,10 @@ class RosbridgeClient(Node):
                 ActionResult(id=id, action=name, values=empty, status=status, result=False, reason=reason)
             )
 
-    def _send_error_status(self, text: str, id: Id | None) -> None:
+    def _send_error_status(self, text: str, id: Id | None, answer: Operation | None) -> None:
         _log.warning("invalid message from %s: %s (id %r)", self.url, text, id)
+        if answer is not None:
+            self._send_if_possible(answer)
 
     def _on_status(self, status: Status) -> None:
         if status.level in {StatusLevel.ERROR, StatusLevel.WARNING} and status.id is not None:

@@ -31,6 +31,7 @@ from mindstage.errors import (
     BodyNotFoundError,
     EngineClosedError,
     EngineError,
+    EngineMemoryError,
     EngineTimeoutError,
     EngineUnavailableError,
     MessageValidationError,
@@ -116,6 +117,7 @@ ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
         EngineTimeoutError,
         UnsupportedByEngineError,
         EngineClosedError,
+        EngineMemoryError,
         SimulationDivergedError,
     )
 }

@@ -16,7 +16,6 @@ from __future__ import annotations
 import base64
 import binascii
 import io
-import json
 import re
 import struct
 from array import array
@@ -36,7 +35,6 @@ from mindstage.msgs.base import fields_of, struct_of
 
 __all__ = [
     "json_depth",
-    "json_id",
     "read_cbor",
     "read_png",
     "serialize",
@@ -143,16 +141,15 @@ def read_cbor(data: bytes, *, depth: int) -> bytes:
         depth: largest nesting depth.
 
     Raises:
-        MessageValidationError: it is not CBOR, it nests deeper, or it has values that JSON cannot represent. `id` is
-            that of the message, if only such values prevent its decoding.
+        MessageValidationError: it is not CBOR, it nests deeper, or it has values that JSON cannot represent. `answer`
+            is the message without these values, if only they prevent its decoding.
     """
     try:
         value = cbor2.loads(data, max_depth=depth, semantic_decoders=_DECODERS, tag_hook=_reject_tag)
         return msgspec.json.encode(value)
     except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError) as error:
-        raise MessageValidationError(
-            "binary frame", cause=f"it is not CBOR, or JSON cannot represent it ({error})", id=_cbor_id(data, depth)
-        ) from None
+        cause = f"it is not CBOR, or JSON cannot represent it ({error})"
+        raise MessageValidationError("binary frame", cause=cause, answer=_readable_cbor(data, depth)) from None
 
 
 def write_cbor_raw(topic: str, data: bytes, *, time_s: float) -> bytes:
@@ -167,27 +164,12 @@ def write_cbor_raw(topic: str, data: bytes, *, time_s: float) -> bytes:
     return cbor2.dumps({"op": "publish", "topic": topic, "msg": {"secs": secs, "nsecs": nsecs, "bytes": data}})
 
 
-def _cbor_id(data: bytes, depth: int) -> str | int | None:
-    """Returns the id of a message that has tags without a representation in JSON; None if it has no id."""
+def _readable_cbor(data: bytes, depth: int) -> object:
+    """Returns a message without the values that have no representation in JSON; None if it is no message."""
     try:
-        value = cbor2.loads(data, max_depth=depth, semantic_decoders=_IGNORING_DECODERS, tag_hook=_ignore)
+        return cbor2.loads(data, max_depth=depth, semantic_decoders=_IGNORING_DECODERS, tag_hook=_ignore)
     except (cbor2.CBORDecodeError, ValueError, TypeError, OverflowError, RecursionError, MemoryError):
         return None
-    return _message_id(value)
-
-
-def json_id(text: str) -> str | int | None:
-    """Returns the id of a message in text that is JSON but for NaN and Infinity; None if it has none."""
-    try:
-        return _message_id(json.loads(text))
-    except (ValueError, RecursionError):
-        return None
-
-
-def _message_id(message: object) -> str | int | None:
-    """Returns the id of a decoded message; None if it has no valid one."""
-    id = message.get("id") if isinstance(message, dict) else None
-    return id if isinstance(id, str | int) and not isinstance(id, bool) else None
 
 
 def _encode_arrays(value: object) -> object:

@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeVar, cast
 
 import msgspec
 
-from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, UNHANDLED_MESSAGES, UNSENT_MESSAGES, BridgeLimits
+from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, UNHANDLED_MESSAGES, UNSENT_MESSAGES, BridgeLimits, Timeout
 from mindstage.access.policies import EntryKind, EntryPoint, Policy
 from mindstage.bridge.broker import PLAIN_FORMAT, Broker, GraphInfo, Peer, ReplyFormat, resolve_name, same_type
 from mindstage.bridge.calls import (
@@ -63,6 +63,7 @@ from mindstage.errors import (
     ConnectionLostError,
 )
 from mindstage.msgs import RosVersion
+from mindstage.ranges import Index, checked
 
 __all__ = [
     "CallbackTask",
@@ -212,7 +213,8 @@ class Node:
 
         self._loop.call(remove)
 
-    def call_service(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Any:
+    @checked
+    def call_service(self, name: str, args: object = None, *, timeout_s: Timeout = 10.0) -> Any:
         """Calls a service and waits for the response.
 
         Args:
@@ -232,7 +234,8 @@ class Node:
         self._require_other_thread("call_service")
         return self.call_service_async(name, args, timeout_s=timeout_s).result(timeout_s + 10.0)
 
-    def call_service_async(self, name: str, args: object = None, *, timeout_s: float = 10.0) -> Future[Any]:
+    @checked
+    def call_service_async(self, name: str, args: object = None, *, timeout_s: Timeout = 10.0) -> Future[Any]:
         """Calls a service without waiting; the future receives the result or the exception of `call_service`.
 
         In a coroutine, await it with `asyncio.wrap_future`.
@@ -338,14 +341,15 @@ class Node:
 
         self._loop.call_soon(publish)
 
+    @checked
     def subscribe(
         self,
         topic: str,
         handler: MessageHandler,
         *,
         type: str | None = None,
-        throttle_ms: int = 0,
-        queue_length: int = 0,
+        throttle_ms: Index = 0,
+        queue_length: Index = 0,
         compression: Compression = Compression.NONE,
         with_sender: bool = False,
         policy: Policy | None = None,
@@ -520,7 +524,7 @@ class _LocalPeer(Peer):
         return self._node._dispatcher.answer(resolve_name(call.service), call, caller)
 
     def withdraw(self, call: CallService) -> bool:
-        return self._node._dispatcher.queued.pop(id(call), None) is not None
+        return self._node._dispatcher.withdraw(call)
 
 
 class LocalNode(Node):

@@ -12,17 +12,19 @@ incomplete message is discarded when it becomes too large or too old.
 
 from __future__ import annotations
 
+import json
+import math
 import re
 from collections.abc import Hashable
 from enum import IntEnum, StrEnum
 from itertools import count
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
 from mindstage.access.limits import BridgeLimits
-from mindstage.bridge.encodings import json_depth, json_id, read_cbor, read_png, write_cbor, write_png
+from mindstage.bridge.encodings import json_depth, read_cbor, read_png, write_cbor, write_png
 from mindstage.errors import MessageValidationError
 
 __all__ = [
@@ -56,6 +58,8 @@ __all__ = [
     "UnadvertiseService",
     "Unsubscribe",
     "content",
+    "non_finite_path",
+    "read_lenient_json",
     "split_fragments",
 ]
 
@@ -448,6 +452,18 @@ class _Envelope(msgspec.Struct):
 
     id: Id | None = None
     op: str = "message"
+    service: _Name | None = None
+    action: _Name | None = None
+
+    def answer(self, text: str) -> Operation | None:
+        """The answer to a call or a goal, so that its client need not wait for the timeout; else None."""
+        values = Raw(_encoder.encode(text))
+        if self.op == _type_name(CallService) and self.service is not None and self.id is not None:
+            return ServiceResponse(id=self.id, service=self.service, values=values, result=False)
+        if self.op == _type_name(SendActionGoal) and self.action is not None and self.id is not None:
+            status = GoalStatus.ABORTED
+            return ActionResult(id=self.id, action=self.action, values=values, status=status, result=False)
+        return None
 
 
 _envelope_decoder = msgspec.json.Decoder(_Envelope)
@@ -487,7 +503,14 @@ class MessageDecoder:
         limit = self._limits.message_bytes if isinstance(frame, str) else self._limits.cbor_bytes
         if len(frame) > limit:
             raise MessageValidationError("frame", cause=f"it has {len(frame)} bytes", remedy=f"at most {limit}")
-        return frame if isinstance(frame, str) else read_cbor(frame, depth=self._limits.depth).decode()
+        if isinstance(frame, str):
+            return frame
+        try:
+            return read_cbor(frame, depth=self._limits.depth).decode()
+        except MessageValidationError as error:
+            envelope = _envelope(error.answer)
+            error.id, error.answer = envelope.id, envelope.answer(str(error))
+            raise
 
     def _parse(self, text: str) -> Operation:
         self.size = len(text)
@@ -495,12 +518,8 @@ class MessageDecoder:
             raise MessageValidationError("message", cause=f"it nests deeper than {self._limits.depth} levels")
         try:
             return _decoder.decode(text)
-        except msgspec.ValidationError as error:
-            raise _decode_error(text, error) from None
         except (msgspec.DecodeError, UnicodeEncodeError, RecursionError) as error:
-            id = json_id(text)
-            remedy = "" if id is None else "JSON has no NaN and no Infinity; send null"
-            raise MessageValidationError("message", cause=str(error), remedy=remedy, id=id) from None
+            raise _decode_error(text, error) from None
 
     def _unwrap(self, text: str, now_s: float, allowed: tuple[type[Fragment | Png], ...]) -> Operation | None:
         """Returns the operation itself; a PNG may be fragmented, other nesting of wrappers is an error."""
@@ -591,11 +610,50 @@ def _type_name(operation: type[Operation]) -> str:
     return str(operation.__struct_config__.tag)
 
 
-def _decode_error(text: str, error: msgspec.ValidationError) -> MessageValidationError:
-    """Returns the error with its cause, its path and the id of the message."""
+def _decode_error(text: str, error: Exception) -> MessageValidationError:
+    """Returns the error with its cause, its path, the id of the message, and the answer to a call or a goal."""
     cause, _, path = str(error).partition(" - at `$")
+    path, remedy = path.strip("`."), ""
     try:
         envelope = _envelope_decoder.decode(text)
-    except (msgspec.DecodeError, RecursionError):  # invalid JSON behind the error
-        envelope = _Envelope()
-    return MessageValidationError(envelope.op[:64], path=path.strip("`.") or "", cause=cause, id=envelope.id)
+    except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):  # invalid JSON, but perhaps for NaN and Infinity
+        message = read_lenient_json(text)
+        envelope = _envelope(message)
+        if found := _find_non_finite(message, ""):
+            path, cause, remedy = found, "expected a finite number", "JSON has no NaN and no Infinity; send null"
+    refused = MessageValidationError(envelope.op[:64], path=path, cause=cause, remedy=remedy, id=envelope.id)
+    refused.answer = envelope.answer(str(refused))
+    return refused
+
+
+def _envelope(message: object) -> _Envelope:
+    try:
+        return msgspec.convert(message, _Envelope)
+    except msgspec.ValidationError:
+        return _Envelope()
+
+
+def read_lenient_json(text: str | bytes) -> Any:
+    """Parses JSON that may have NaN, Infinity and integers of any length, which become infinite; None if it cannot."""
+    try:
+        return json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 300 else math.inf)
+    except (ValueError, RecursionError):
+        return None
+
+
+def non_finite_path(text: str) -> str:
+    """The path of the first number in a JSON text that is not finite; empty if there is none."""
+    return _find_non_finite(read_lenient_json(text), "")
+
+
+def _find_non_finite(value: object, path: str) -> str:
+    match value:
+        case float() if not math.isfinite(value):
+            return path.lstrip(".")
+        case dict():
+            found = (_find_non_finite(each, f"{path}.{key}") for key, each in value.items())
+        case list():
+            found = (_find_non_finite(each, f"{path}[{at}]") for at, each in enumerate(value))
+        case _:
+            return ""
+    return next(filter(None, found), "")

@@ -35,6 +35,7 @@ from mindstage.access.limits import (
     READ_SLICE,
     UNAUTHENTICATED_BYTES,
     BridgeLimits,
+    Timeout,
     VisitorLimits,
 )
 from mindstage.access.ports import ROSBRIDGE_PORT, is_taken, moved_text, ports_to_try, unavailable_text
@@ -43,6 +44,7 @@ from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.node import LocalNode
 from mindstage.bridge.protocol import Auth, Frame, Id, MessageDecoder, MessageEncoder, Operation, StatusLevel
 from mindstage.errors import BridgeError, BridgeUnavailableError, RequestLimitError
+from mindstage.ranges import Port, checked
 
 __all__ = ["Connection", "RosbridgeServer"]
 
@@ -60,7 +62,7 @@ class Connection:
         limits: BridgeLimits,
         *,
         receive: Callable[[Operation, int], None],
-        send_error: Callable[[str, Id | None], None],
+        send_error: Callable[[str, Id | None, Operation | None], None],
         receive_delay: Callable[[int, float], float] | None = None,
     ) -> None:
         """Creates the connection on an open websocket.
@@ -69,7 +71,7 @@ class Connection:
             socket: the websocket, of a client or a server.
             limits: limits for what the peer sends.
             receive: called with every operation and its size [B]; may raise a `BridgeError`.
-            send_error: called with the error message and the id of a message that was rejected.
+            send_error: called with the error message and the id of a message that was rejected, and what answers it.
             receive_delay: called with the size and the time of each frame; returns how long to wait before the next
                 one is received [s].
         """
@@ -176,10 +178,10 @@ class Connection:
                 self._receive(operation, self._decoder.size)
         except (BridgeError, RequestLimitError) as error:
             id = operation.id if operation is not None else getattr(error, "id", None)
-            self._send_error(str(error), id)
+            self._send_error(str(error), id, getattr(error, "answer", None))
         except Exception as error:  # an unexpected error must not end the connection
             _log.exception("a message of %s could not be handled", self._peer_name())
-            self._send_error(f"internal error: {type(error).__name__}", operation.id if operation else None)
+            self._send_error(f"internal error: {type(error).__name__}", operation.id if operation else None, None)
 
     def _can_write(self) -> bool:
         """Whether everything before is written, so that a message need not be queued."""
@@ -207,7 +209,7 @@ class Connection:
         while True:
             await asyncio.sleep(self._limits.fragment_timeout_s / 2)
             for id in self._decoder.expire(asyncio.get_running_loop().time()):
-                self._send_error(f"the other fragments of {id!r} did not arrive in time", id)
+                self._send_error(f"the other fragments of {id!r} did not arrive in time", id, None)
             if not self._was_paused:
                 self._socket.ping_timeout = self._ping_timeout_s
             self._was_paused = not self._may_read.is_set()
@@ -305,8 +307,11 @@ class _ServerPeer(Peer):
         else:
             self.reject("a token is required: send it by `auth`, as ?token= or as a bearer token")
 
-    def _send_error_status(self, text: str, id: Id | None) -> None:
-        self.send_status(StatusLevel.ERROR, text, id)
+    def _send_error_status(self, text: str, id: Id | None, answer: Operation | None) -> None:
+        if answer is not None and self.authenticated:
+            self.deliver(MessageEncoder(answer))
+        else:
+            self.send_status(StatusLevel.ERROR, text, id)
 
     def reject(self, reason: str) -> None:
         """Sends the reason as a status and closes the connection."""
@@ -317,17 +322,18 @@ class _ServerPeer(Peer):
 class RosbridgeServer:
     """Accepts clients between `start` and `close`; can be used as a context manager."""
 
+    @checked
     def __init__(
         self,
         node: LocalNode,
         *,
         host: str = "127.0.0.1",
-        port: int | None = None,
+        port: Port | None = None,
         token: str | None = None,
         origins: Collection[str] = (),
         tls: TlsCertificate | None = None,
         visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
-        ping_interval_s: float | None = _PING_INTERVAL_S,
+        ping_interval_s: Timeout | None = _PING_INTERVAL_S,
     ) -> None:
         """Creates the server; `start` opens its socket.
 

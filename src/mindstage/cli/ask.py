@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.access.limits import Deadline
 from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -35,7 +36,6 @@ from mindstage.cli.options import (
     StoreFolder,
     UntilTime,
     WithViewport,
-    finite,
     options_given,
 )
 from mindstage.cli.output import (
@@ -197,8 +197,8 @@ def sparql(
     maps: MapOptions = None,
     running: Running = None,
     timeout_s: Annotated[
-        float,
-        typer.Option("--timeout", metavar="SECONDS", min=0.0, callback=finite, help="The timeout."),
+        Deadline,
+        typer.Option("--timeout", metavar="SECONDS", help="The timeout."),
     ] = 30.0,
     allow_service: Annotated[
         bool, typer.Option("--allow-service", help="Permit SERVICE, which queries other servers.")

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.access.limits import Deadline as DeadlineNumber
 from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
 from mindstage.cli.options import (
@@ -26,11 +27,11 @@ from mindstage.cli.options import (
     Running,
     Strict,
     Verbose,
-    finite,
 )
 from mindstage.cli.output import console, print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
@@ -99,10 +100,8 @@ TryFirst = Annotated[
     ),
 ]
 Deadline = Annotated[
-    float,
-    typer.Option(
-        "--deadline", metavar="SECONDS", min=0.1, callback=finite, help="Limit of the simulated time of each skill."
-    ),
+    DeadlineNumber,
+    typer.Option("--deadline", metavar="SECONDS", help="Limit of the simulated time of each skill."),
 ]
 RecordFile = Annotated[
     Path | None,
@@ -119,8 +118,8 @@ OutFile = Annotated[
     ),
 ]
 SettleSeconds = Annotated[
-    float,
-    typer.Option("--settle", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before it begins."),
+    WallTime,
+    typer.Option("--settle", metavar="SECONDS", help="Simulated time before it begins."),
 ]
 
 

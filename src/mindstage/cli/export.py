@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.options import DEFAULT_READING, AsJson, ExitCode, MapName, MapReading, close_at_end, finite
+from mindstage.cli.options import DEFAULT_READING, AsJson, ExitCode, MapName, MapReading, close_at_end
 from mindstage.cli.output import print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Frequency
 
 if TYPE_CHECKING:
     from mindstage.episodes.recording import Recording
@@ -72,8 +73,8 @@ Format = Annotated[
     typer.Option("--format", help="The format; by default that of the suffix.", show_default=False),
 ]
 Rate = Annotated[
-    float,
-    typer.Option("--rate", metavar="HZ", help="Frames per second of a page and of a dataset.", callback=finite),
+    Frequency,
+    typer.Option("--rate", metavar="HZ", help="Frames per second of a page and of a dataset."),
 ]
 Bag = Annotated[
     Path,

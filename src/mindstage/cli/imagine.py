@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mindstage.access.limits import Samples as SamplesNumber
+from mindstage.access.limits import Timeout
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -38,6 +40,8 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.shot import take_picture
+from mindstage.ranges import Fraction, WallTime
+from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
@@ -48,17 +52,17 @@ __all__ = ["Budget", "Samples", "Seed", "Uncertainties", "Workers", "deviations_
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
 ]
-Samples = Annotated[int, typer.Option("--samples", metavar="N", min=1, help="The largest number of samples.")]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Determines the random numbers.")]
+Samples = Annotated[SamplesNumber, typer.Option("--samples", metavar="N", help="The largest number of samples.")]
+Seed = Annotated[SeedNumber, typer.Option("--seed", metavar="N", help="Determines the random numbers.")]
 Budget = Annotated[
-    float, typer.Option("--budget", metavar="SECONDS", min=0.0, help="Limit of the wall time; 60 s by default.")
+    Timeout, typer.Option("--budget", metavar="SECONDS", help="Limit of the wall time; 60 s by default.")
 ]
 Threshold = Annotated[
-    float, typer.Option("--threshold", metavar="P", min=0.0, max=1.0, help="The probability that the plan must have.")
+    Fraction, typer.Option("--threshold", metavar="P", help="The probability that the plan must have.")
 ]
 Width = Annotated[
-    float,
-    typer.Option("--width", metavar="W", min=0.0, help="End when the interval is as narrow; 0 runs all samples."),
+    Fraction,
+    typer.Option("--width", metavar="W", help="End when the interval is as narrow; 0 runs all samples."),
 ]
 Workers = Annotated[
     str,
@@ -97,8 +101,8 @@ Uncertainties = Annotated[
     ),
 ]
 SettleTime = Annotated[
-    float,
-    typer.Option("--settle", metavar="SECONDS", min=0.0, help="Simulated time before the samples begin."),
+    WallTime,
+    typer.Option("--settle", metavar="SECONDS", help="Simulated time before the samples begin."),
 ]
 
 Picture = Annotated[

@@ -7,7 +7,6 @@ one line on stderr and, with `--json`, also an object on stdout.
 from __future__ import annotations
 
 import errno
-import math
 import os
 import re
 import sys
@@ -21,14 +20,19 @@ from functools import wraps
 from inspect import Parameter, signature
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, get_args, get_type_hints
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, Union, get_args, get_origin, get_type_hints
 
 import typer
+from msgspec import Meta
 from typer.core import TyperCommand
+from typer.models import ParameterInfo
 
 from mindstage.cli.output import one_line, print_json
 from mindstage.cli.termination import exit_if_terminated
 from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
+from mindstage.ranges import Coordinate, NotNegative, Range, Time, WallTime, range_of
+from mindstage.ranges import Port as PortNumber
 
 if TYPE_CHECKING:
     from enum import Enum
@@ -78,7 +82,6 @@ __all__ = [
     "command",
     "discard_output",
     "exit_code",
-    "finite",
     "options_given",
 ]
 
@@ -151,11 +154,15 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
     """
     hints = get_type_hints(function, include_extras=True)
     groups = {name: hint for name, hint in hints.items() if _is_group(hint)}
+    ranges: dict[str, tuple[str, Range]] = {}
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         as_json = bool(kwargs.get("as_json"))
         given: dict[str, Any] = kwargs
+        for name, (option, range) in ranges.items():
+            if given.get(name) is not None and given[name] not in range:
+                raise typer.BadParameter(f"{given[name]} is not {range.text}", param_hint=f"'{option}'")
         for name, group in groups.items():
             given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
         try:
@@ -181,7 +188,24 @@ def command(function: Callable[P, ExitCode]) -> Callable[P, None]:
         raise typer.Exit(code)
 
     _replace_groups(run, function, hints)
+    for name, annotation in run.__annotations__.items():
+        option = next((each for each in get_args(annotation) if isinstance(each, ParameterInfo)), None)
+        if option is not None and (range := _option_range(annotation, option)) is not None:
+            names = (each for each in (option.default, *(option.param_decls or ())) if isinstance(each, str))
+            ranges[name] = next((each for each in names if each.startswith("--")), name), range
     return run
+
+
+def _option_range(annotation: object, option: ParameterInfo) -> Range | None:
+    """The range of a number on the command line: that of its type, else the bounds of the option."""
+    if (range := range_of(annotation)) is not None:
+        option.min = range.low if abs(range.low) < sys.float_info.max else None  # shown by --help
+        option.max = range.high if abs(range.high) < sys.float_info.max else None
+        return range
+    types = {*get_args(annotation), *(each for part in get_args(annotation) for each in get_args(part))}
+    if types & {int, float}:
+        return Range.of(Meta(ge=option.min, le=option.max), integer=int in types)
+    return None
 
 
 _NEGATIVE_NUMBER = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-inf|-nan", re.ASCII)
@@ -266,7 +290,20 @@ def _replace_groups(run: Callable[..., None], function: Callable[..., object], h
         else:
             parameters.append(parameter.replace(annotation=group))
     run.__annotations__ = {each.name: each.annotation for each in parameters}
+    parameters = [each.replace(annotation=_without_range(each.annotation)) for each in parameters]
     run.__signature__ = signature(function).replace(parameters=parameters, return_annotation=None)  # type: ignore[attr-defined]
+
+
+def _without_range(hint: Any) -> Any:
+    """A type of an option without the range of the number, which typer does not understand in an optional type."""
+    metadata = getattr(hint, "__metadata__", ())
+    if metadata:
+        kept = tuple(each for each in metadata if not isinstance(each, Meta))
+        plain = _without_range(get_args(hint)[0])
+        return Annotated[(plain, *kept)] if kept else plain
+    if get_origin(hint) in {Union, UnionType}:
+        return Union[tuple(_without_range(each) for each in get_args(hint))]  # noqa: UP007
+    return hint
 
 
 def _error_text(error: MindstageError) -> str:
@@ -294,13 +331,6 @@ def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
         discard_output()
     with suppress(OSError):  # nothing more can be reported
         typer.echo(f"mindstage: error: {one_line(message)}", err=True)
-
-
-def finite(value: float | None) -> float | None:
-    """Rejects NaN and infinity, which the bounds of typer accept."""
-    if value is not None and not math.isfinite(value):
-        raise typer.BadParameter(f"{value} is not a finite number")
-    return value
 
 
 def options_given(context: typer.Context, options: Mapping[str, str]) -> Iterator[str]:
@@ -530,11 +560,10 @@ CameraTarget = Annotated[
 ]
 FromTop = Annotated[bool, typer.Option("--top", help="View from above.")]
 SectionHeight = Annotated[
-    float | None,
+    Coordinate | None,
     typer.Option(
         "--section",
         metavar="HEIGHT",
-        callback=finite,
         help="Clip everything above this height, in meters.",
         show_default=False,
     ),
@@ -556,9 +585,7 @@ HighlightColors = Annotated[
     ),
 ]
 PictureSize = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
-SecondsBefore = Annotated[
-    float, typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before the picture.")
-]
+SecondsBefore = Annotated[WallTime, typer.Option("--for", metavar="SECONDS", help="Simulated time before the picture.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -610,11 +637,10 @@ EpisodeFolder = Annotated[
 ]
 
 AtTime = Annotated[
-    float | None,
+    Time | None,
     typer.Option(
         "--at",
         metavar="SECONDS",
-        callback=finite,
         help="The time in the episode that is asked about, since its begin; by default its end.",
         show_default=False,
     ),
@@ -631,13 +657,13 @@ DuringInterval = Annotated[
 ]
 
 SinceTime = Annotated[
-    float | None,
-    typer.Option("--since", metavar="SECONDS", callback=finite, help="The begin of that interval.", show_default=False),
+    Time | None,
+    typer.Option("--since", metavar="SECONDS", help="The begin of that interval.", show_default=False),
 ]
 
 UntilTime = Annotated[
-    float | None,
-    typer.Option("--until", metavar="SECONDS", callback=finite, help="The end of that interval.", show_default=False),
+    Time | None,
+    typer.Option("--until", metavar="SECONDS", help="The end of that interval.", show_default=False),
 ]
 
 Strict = Annotated[bool, typer.Option("--strict", help="Reject a map with findings, and exit with 2.")]
@@ -668,31 +694,25 @@ EngineName = Annotated[
 ]
 
 Delta = Annotated[
-    float,
-    typer.Option(
-        "--delta", min=0.0, callback=finite, help="Permitted difference of numbers, in their unit (m, rad, kg …)."
-    ),
+    NotNegative,
+    typer.Option("--delta", help="Permitted difference of numbers, in their unit (m, rad, kg …)."),
 ]
 
 Port = Annotated[
-    int | None,
+    PortNumber | None,
     typer.Option(
         "--port",
         metavar="PORT",
-        min=0,
-        max=65535,
         help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
         show_default=False,
     ),
 ]
 
 Seconds = Annotated[
-    float | None,
+    WallTime | None,
     typer.Option(
         "--for",
         metavar="SECONDS",
-        min=0.0,
-        callback=finite,
         help="Duration: simulated time, or wall time if the page is shown.",
         show_default=False,
     ),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage import __version__
+from mindstage.access.limits import Deadline
 from mindstage.cli.attach import open_running, print_running_solutions, prolog_lines, running_target, warn_of_limit
 from mindstage.cli.options import (
     DEFAULT_READING,
@@ -23,7 +24,6 @@ from mindstage.cli.options import (
     Port,
     Running,
     StoreFolder,
-    finite,
 )
 from mindstage.cli.output import (
     class_lookup,
@@ -35,6 +35,7 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import knowledge_with_episodes, make_engine, simulation_from_options
 from mindstage.cli.viewer import open_viewer
+from mindstage.ranges import Count
 
 if TYPE_CHECKING:
     from mindstage.knowledge import Finding
@@ -65,11 +66,9 @@ _Consult = Annotated[
         show_default=False,
     ),
 ]
-_Timeout = Annotated[
-    float, typer.Option("--timeout", metavar="SECONDS", min=0.001, callback=finite, help="The timeout of --goal.")
-]
+_Timeout = Annotated[Deadline, typer.Option("--timeout", metavar="SECONDS", help="The timeout of --goal.")]
 _Limit = Annotated[
-    int, typer.Option("--limit", metavar="NUMBER", min=1, help="The maximum number of solutions that --json prints.")
+    Count, typer.Option("--limit", metavar="NUMBER", help="The maximum number of solutions that --json prints.")
 ]
 _WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page of the simulation.")]
 _AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all solutions, and print them as JSON.")]

@@ -28,7 +28,6 @@ from mindstage.cli.options import (
     TlsCertificateFile,
     TlsKeyFile,
     VisitorLimitOptions,
-    finite,
 )
 from mindstage.cli.output import (
     print_json,
@@ -42,6 +41,7 @@ from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
 from mindstage.cli.viewer import LOOPBACK, server_access, show_page
 from mindstage.errors import EpisodeFileError
+from mindstage.ranges import Frequency, WallTime
 
 if TYPE_CHECKING:
     from mindstage.episodes.mcap_file import EpisodeLoss
@@ -56,14 +56,12 @@ OutputFile = Annotated[
     Path,
     typer.Option("--out", "-o", metavar="FILE", help="The episode to write, a new file (.mcap).", show_default=False),
 ]
-Rate = Annotated[float, typer.Option("--rate", metavar="HZ", help="Frames per simulated second.", callback=finite)]
+Rate = Annotated[Frequency, typer.Option("--rate", metavar="HZ", help="Frames per simulated second.")]
 SimulatedSeconds = Annotated[
-    float | None,
+    WallTime | None,
     typer.Option(
         "--for",
         metavar="SECONDS",
-        min=0.0,
-        callback=finite,
         help="Simulate this time as fast as possible; with --viewport, record for this wall time. Otherwise in real "
         "time until Ctrl-C.",
         show_default=False,

@@ -24,7 +24,6 @@ from mindstage.cli.options import (
     MapReading,
     PictureOptions,
     PlainBoxes,
-    finite,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -39,6 +38,8 @@ from mindstage.cli.output import (
 from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.shot import highlight_targets, parse_numbers, parse_point, parse_size
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Count, Finite, Time
+from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
     from mindstage.rendering import CameraPose
@@ -65,8 +66,8 @@ Output = Annotated[
     ),
 ]
 Samples = Annotated[
-    int | None,
-    typer.Option("--samples", metavar="N", min=1, help="Samples per pixel; by default 16, and 4 in films."),
+    Count | None,
+    typer.Option("--samples", metavar="N", help="Samples per pixel; by default 16, and 4 in films."),
 ]
 Budget = Annotated[
     float | None,
@@ -74,7 +75,6 @@ Budget = Annotated[
         "--seconds",
         metavar="S",
         min=0.1,
-        callback=finite,
         help="Stop taking samples after this time, for each picture; then the default of --samples is 1024.",
         show_default=False,
     ),
@@ -89,10 +89,8 @@ Opened = Annotated[
     ),
 ]
 At = Annotated[
-    float | None,
-    typer.Option(
-        "--at", metavar="SECONDS", callback=finite, help="The time of an episode (.mcap); by default its end."
-    ),
+    Time | None,
+    typer.Option("--at", metavar="SECONDS", help="The time of an episode (.mcap); by default its end."),
 ]
 RobotSource = Annotated[
     str | None,
@@ -125,10 +123,8 @@ Flight = Annotated[
 ]
 FrameRate = Annotated[float, typer.Option("--fps", metavar="RATE", min=1.0, max=120.0, help="Frames per second.")]
 Length = Annotated[float, typer.Option("--length", metavar="SECONDS", min=0.1, max=600.0, help="The length of a film.")]
-Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="The seed of the samples.")]
-Exposure = Annotated[
-    float, typer.Option("--exposure", metavar="STOPS", callback=finite, help="Brighter (1) or darker (-1) by stops.")
-]
+Seed = Annotated[SeedNumber, typer.Option("--seed", metavar="N", help="The seed of the samples.")]
+Exposure = Annotated[Finite, typer.Option("--exposure", metavar="STOPS", help="Brighter (1) or darker (-1) by stops.")]
 Denoise = Annotated[bool, typer.Option(" /--no-denoise", help="Do not remove noise.", show_default=False)]
 
 

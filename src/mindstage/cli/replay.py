@@ -22,12 +22,13 @@ from mindstage.cli.options import (
     TlsKeyFile,
     VisitorLimitOptions,
     close_at_end,
-    finite,
 )
 from mindstage.cli.output import print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base
 from mindstage.cli.viewer import LOOPBACK, ServerAccess, open_page, open_viewer, server_access
 from mindstage.errors import EpisodeFileError, InvalidArgumentError
+from mindstage.ranges import Port as PortNumber
+from mindstage.ranges import Time
 
 if TYPE_CHECKING:
     from mindstage.episodes import Recording
@@ -60,11 +61,10 @@ RecordedMap = Annotated[
     ),
 ]
 At = Annotated[
-    float | None,
+    Time | None,
     typer.Option(
         "--at",
         metavar="SECONDS",
-        callback=finite,
         help="The time to begin at; with -o, the time of the map. By default the begin.",
         show_default=False,
     ),
@@ -92,12 +92,10 @@ WithRos = Annotated[
     typer.Option("--ros", help="Publish /tf, /clock, joint states and markers over rosbridge, at the speed of replay."),
 ]
 RosPort = Annotated[
-    int | None,
+    PortNumber | None,
     typer.Option(
         "--ros-port",
         metavar="PORT",
-        min=0,
-        max=65535,
         help="The port of the rosbridge server; 0 chooses a free one. By default 9090, or the next free one.",
         show_default=False,
     ),

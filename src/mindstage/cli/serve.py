@@ -25,7 +25,6 @@ from mindstage.cli.options import (
     TlsCertificateFile,
     TlsKeyFile,
     VisitorLimitOptions,
-    finite,
     options_given,
 )
 from mindstage.cli.output import (
@@ -43,6 +42,8 @@ from mindstage.cli.output import (
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import LOOPBACK, ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Port as PortNumber
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
@@ -72,12 +73,10 @@ Maps = Annotated[
     ),
 ]
 BridgePort = Annotated[
-    int | None,
+    PortNumber | None,
     typer.Option(
         "--port",
         metavar="PORT",
-        min=0,
-        max=65535,
         help="The port of the rosbridge server; 0 chooses a free one. By default 9090, or the next free one.",
         show_default=False,
     ),
@@ -126,10 +125,8 @@ Namespace = Annotated[
     str, typer.Option("--namespace", metavar="NAME", help="The namespace of services, actions and topics.")
 ]
 Seconds = Annotated[
-    float | None,
-    typer.Option(
-        "--for", metavar="SECONDS", min=0.0, callback=finite, help="Exit after this wall time.", show_default=False
-    ),
+    WallTime | None,
+    typer.Option("--for", metavar="SECONDS", help="Exit after this wall time.", show_default=False),
 ]
 
 
@@ -167,12 +164,10 @@ AddedRobots = Annotated[
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
 PagePort = Annotated[
-    int | None,
+    PortNumber | None,
     typer.Option(
         "--page-port",
         metavar="PORT",
-        min=0,
-        max=65535,
         help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
         show_default=False,
     ),

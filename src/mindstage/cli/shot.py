@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
+from mindstage.access.limits import Deadline
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     DEFAULT_PICTURE,
@@ -29,7 +30,6 @@ from mindstage.cli.options import (
     MapReading,
     PictureOptions,
     PlainBoxes,
-    finite,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -198,8 +198,8 @@ Imagined = Annotated[
     ),
 ]
 Timeout = Annotated[
-    float,
-    typer.Option("--timeout", metavar="SECONDS", min=1.0, callback=finite, help="The timeout of --page."),
+    Deadline,
+    typer.Option("--timeout", metavar="SECONDS", help="The timeout of --page."),
 ]
 
 

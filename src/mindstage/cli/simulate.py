@@ -39,7 +39,6 @@ from mindstage.cli.options import (
     VisitorLimitOptions,
     WithViewport,
     close_at_end,
-    finite,
 )
 from mindstage.cli.output import (
     Shortcoming,
@@ -78,6 +77,7 @@ from mindstage.cli.setup import (
 )
 from mindstage.cli.viewer import LOOPBACK, print_and_serve, server_access
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine, SpawnReport
@@ -302,8 +302,8 @@ def log(
     ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
-        float,
-        typer.Option("--for", metavar="SECONDS", min=0.0, callback=finite, help="Simulated time before logging."),
+        WallTime,
+        typer.Option("--for", metavar="SECONDS", help="Simulated time before logging."),
     ] = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
 import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
 __all__ = ["exit_if_terminated", "terminable"]
+
+_DELAY_S = 0.01
+"""The time until the exception is raised again [s]."""
 
 
 class _TerminatedError(SystemExit):
@@ -46,11 +51,17 @@ def exit_if_terminated() -> None:
 
 def _on_signal(number: int, _: object) -> NoReturn:
     _Termination.received = True
+    raise _make_error(number)  # no variable has it, since its traceback has this frame: a cycle would keep it alive
+
+
+def _make_error(number: int) -> _TerminatedError:
     error = _TerminatedError(128 + number)
     weakref.finalize(error, _on_end_of_exception, number).atexit = False
-    raise error
+    return error
 
 
 def _on_end_of_exception(number: int) -> None:
-    if _Termination.running:
-        signal.raise_signal(number)
+    if _Termination.running:  # from a thread, since what is raised in this callback would be swallowed, too
+        timer = threading.Timer(_DELAY_S, os.kill, (os.getpid(), number))
+        timer.daemon = True
+        timer.start()

@@ -20,11 +20,11 @@ from mindstage.cli.options import (
     TlsCertificateFile,
     TlsKeyFile,
     VisitorLimitOptions,
-    finite,
 )
 from mindstage.cli.output import print_findings, print_json, print_line, print_report, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.access.certificates import TlsCertificate
@@ -230,12 +230,10 @@ def demo(
         typer.Option("--open/--no-open", help="Whether to open a browser; by default only with a graphical display."),
     ] = None,
     seconds: Annotated[
-        float | None,
+        WallTime | None,
         typer.Option(
             "--for",
             metavar="SECONDS",
-            min=0.0,
-            callback=finite,
             envvar="MINDSTAGE_DEMO_SECONDS",
             help="Exit after this wall time.",
         ),

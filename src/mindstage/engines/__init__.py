@@ -6,6 +6,7 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -27,6 +28,7 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.null import NullEngine
 from mindstage.errors import EngineUnavailableError
+from mindstage.ranges import checked
 
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
@@ -78,7 +80,8 @@ def __getattr__(name: str) -> object:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeout_s: float | None = None) -> Engine:
+@checked
+def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeout_s: Timeout | None = None) -> Engine:
     """Creates an engine by name; the caller closes it, or passes it to a simulation that does.
 
     Args:

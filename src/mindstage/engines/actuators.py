@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from math import inf, isfinite
 
 from mindstage.engines.base import Actuator, ActuatorMode
 from mindstage.engines.kinematic_tree import AXIS_NAMES, is_ball, movable_axes
@@ -16,7 +15,7 @@ from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import BodyNotFoundError, closest_names
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Joint
 
-__all__ = ["ActuatedBodies", "ActuatorSet", "check_numbers", "driven_axis"]
+__all__ = ["ActuatedBodies", "ActuatorSet", "driven_axis"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,13 +84,9 @@ class ActuatorSet:
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """See `Engine.set_commands`; nothing changes if it raises."""
-        is_known, is_finite = commands.keys() <= self.actuators.keys(), all(map(isfinite, commands.values()))
-        for name, command in commands.items() if not (is_known and is_finite) else ():
-            if name not in self.actuators:
-                near = closest_names(name, self.actuators)
-                raise KeyError(f"no actuator {name!r}; near: {', '.join(near) or 'none'}")
-            if not isfinite(command):
-                raise ValueError(f"the command of {name!r} must be finite, not {command}")
+        for name in commands.keys() - self.actuators.keys():
+            near = closest_names(name, self.actuators)
+            raise KeyError(f"no actuator {name!r}; near: {', '.join(near) or 'none'}")
         self.commands |= commands
 
     def remove(self, removed: Collection[BodyId], *, remaining_joints: Collection[BodyId]) -> None:
@@ -124,19 +119,18 @@ def driven_axis(actuator: Actuator, registry: EntityRegistry, joints: Mapping[Bo
     """The axis that an actuator drives, an index into `AXIS_NAMES`.
 
     Args:
-        actuator: the actuator, whose numbers are checked.
+        actuator: the actuator.
         registry: the bodies and joints of the world.
         joints: the joints that are simulated with other limits than those of the registry.
 
     Raises:
         BodyNotFoundError: there is no such joint.
-        ValueError: the joint cannot move along the axis, or a number is not finite or negative.
+        ValueError: the joint cannot move along the axis.
     """
     name, id = actuator.name, actuator.joint
     joint = joints.get(id) or registry.joints.get(id)
     if joint is None:
         raise BodyNotFoundError(id, known=registry.joints)
-    check_numbers(actuator)
     if actuator.axis and actuator.axis not in AXIS_NAMES:
         raise ValueError(f"{name!r} has the axis {actuator.axis!r}; it is one of {', '.join(AXIS_NAMES)}")
     axes = movable_axes(joint)
@@ -148,18 +142,6 @@ def driven_axis(actuator: Actuator, registry: EntityRegistry, joints: Mapping[Bo
     if wanted >= _FIRST_HINGE and is_ball(axes):
         raise ValueError(f"{name!r} cannot drive {id!r}, whose three rotations are free")
     return wanted
-
-
-def check_numbers(actuator: Actuator) -> None:
-    """Checks the numbers of an actuator.
-
-    Raises:
-        ValueError: one is not finite or negative.
-    """
-    for key in ("effort_limit", "stiffness", "damping", "armature", "friction"):
-        number = getattr(actuator, key)
-        if not 0.0 <= number < inf:
-            raise ValueError(f"{key} of the actuator {actuator.name!r} must be finite and not negative, not {number}")
 
 
 _FIRST_HINGE = 3

@@ -20,6 +20,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import Duration
+from mindstage.ranges import Factor, Finite, ForceVector, NotNegative, Point, check_fields
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
 from mindstage.scene.display import counted, html_table
 
@@ -105,16 +107,19 @@ class Actuator(msgspec.Struct, frozen=True, kw_only=True):
     """Of "x", "y", "z" (translations), "twist", "swing2", "swing1" (rotations about x, y, z of the joint frame); empty
     for the first axis that is not locked."""
     mode: ActuatorMode = ActuatorMode.POSITION
-    effort_limit: float
+    effort_limit: NotNegative
     """[N] or [Nm]."""
-    stiffness: float = 0.0
+    stiffness: NotNegative = 0.0
     """[N/m] or [Nm/rad]; only for POSITION."""
-    damping: float = 0.0
+    damping: NotNegative = 0.0
     """[Ns/m] or [Nms/rad]; for POSITION and VELOCITY."""
-    armature: float = 0.0
+    armature: NotNegative = 0.0
     """Inertia of the drive, as seen at the joint [kg] or [kg m²]."""
-    friction: float = 0.0
+    friction: NotNegative = 0.0
     """Dry friction of the joint, in place of that of a joint without a drive [N] or [Nm]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class ActuatorState(msgspec.Struct, frozen=True, kw_only=True):
@@ -162,12 +167,15 @@ class Contact(msgspec.Struct, frozen=True, kw_only=True):
 class DynamicsScale(msgspec.Struct, frozen=True, kw_only=True):
     """Factors for the dynamics of a body, relative to its description."""
 
-    mass: float = 1.0
+    mass: Factor = 1.0
     """Factor of the mass and the moments of inertia."""
-    friction: float = 1.0
+    friction: Factor = 1.0
     """Factor of the sliding friction; it has no effect against a body that is more slippery by its description."""
-    joint_friction: float = 1.0
+    joint_friction: Factor = 1.0
     """Factor of the friction and the damping of the joint that moves the body."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class SpawnFailure(msgspec.Struct, frozen=True):
@@ -412,7 +420,7 @@ class Engine(Protocol):
     def highlights(self) -> Mapping[BodyId, Color]:
         """The highlighted bodies and their colors."""
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         """Applies a force to a body throughout the next `step`.
 
         Forces on one body add up. Static and kinematic bodies are not affected.
@@ -426,7 +434,7 @@ class Engine(Protocol):
             BodyNotFoundError: the body is unknown.
         """
 
-    def step(self, duration_s: float) -> None:
+    def step(self, duration_s: Duration) -> None:
         """Advances the simulation.
 
         Args:
@@ -482,7 +490,6 @@ class Engine(Protocol):
 
         Raises:
             BodyNotFoundError: for the first unknown id; nothing changes then.
-            ValueError: a factor is not a positive number.
         """
 
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
@@ -499,16 +506,15 @@ class Engine(Protocol):
 
         Raises:
             BodyNotFoundError: a joint or body does not exist; nothing changes then.
-            ValueError: a joint cannot move along an axis, has another actuator there, or a number is not finite or
-                negative; nothing changes then.
+            ValueError: a joint cannot move along an axis, or has another actuator there; nothing changes then.
         """
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         """Sets the commands of actuators by name (capability ACTUATORS); quick, and without a rebuild.
 
         Raises:
             KeyError: there is no such actuator; nothing changes then.
-            ValueError: a command is not finite; nothing changes then.
+            NumberRefusedError: a command is not finite; nothing changes then.
         """
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
@@ -585,7 +591,7 @@ class RebuildTime(msgspec.Struct, frozen=True, kw_only=True):
 class InterruptibleEngine(Protocol):
     """An engine whose steps can be divided by wall time, so that the thread that steps it can do something else."""
 
-    def step_for(self, duration_s: float, *, wall_s: float) -> float:
+    def step_for(self, duration_s: Duration, *, wall_s: float) -> float:
         """Like `Engine.step`, but stops after a wall time [s], though not before one time step.
 
         Returns:

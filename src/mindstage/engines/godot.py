@@ -14,7 +14,7 @@ from pathlib import Path
 from secrets import token_urlsafe
 from typing import Any
 
-from mindstage.access.limits import BridgeLimits
+from mindstage.access.limits import BridgeLimits, Timeout
 from mindstage.assets.cache import cache_geometry_glb, geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.conversions import point_message
@@ -24,7 +24,7 @@ from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import BridgeError, ConnectionLostError, EngineError, EngineUnavailableError
 from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
-from mindstage.scene import Vector
+from mindstage.ranges import Degrees, PictureSize, Point, checked
 
 __all__ = ["GodotBridge", "GodotEngine", "GodotServiceClient"]
 
@@ -62,7 +62,8 @@ class GodotBridge(LocalNode):
         """Whether the process runs and is connected."""
         return self.process is not None and self.process.is_running and self.server.client_count > 0
 
-    def wait_connected(self, timeout_s: float) -> None:
+    @checked
+    def wait_connected(self, timeout_s: Timeout) -> None:
         """Checks the connection; Godot never reconnects.
 
         Raises:
@@ -71,7 +72,8 @@ class GodotBridge(LocalNode):
         if not self.connected:
             raise ConnectionLostError(self.server.url, cause="Godot has exited")
 
-    def wait_services(self, namespace: str, timeout_s: float) -> None:
+    @checked
+    def wait_services(self, namespace: str, timeout_s: Timeout) -> None:
         """Waits until Godot offers all services that the engine needs.
 
         Raises:
@@ -148,14 +150,15 @@ class GodotEngine(CompiledRemoteEngine):
     precision = 2e-6
     """Relative rounding error of single precision and axis conversion."""
 
+    @checked
     def __init__(
         self,
         program: str | Path | None = None,
         *,
         window: bool = False,
         options: Sequence[str] = (),
-        timeout_s: float = 20.0,
-        start_timeout_s: float = 60.0,
+        timeout_s: Timeout = 20.0,
+        start_timeout_s: Timeout = 60.0,
     ) -> None:
         """Starts Godot and waits until it is ready.
 
@@ -197,14 +200,15 @@ class GodotEngine(CompiledRemoteEngine):
         """
         self._call(wire.SaveScene, wire.SaveScene.Request(path=str(Path(path).absolute())))
 
+    @checked
     def screenshot(
         self,
         path: str | Path,
         *,
-        eye: Vector,
-        target: Vector,
-        size: tuple[int, int] = (1280, 720),
-        fov_deg: float = 50.0,
+        eye: Point,
+        target: Point,
+        size: PictureSize = (1280, 720),
+        fov_deg: Degrees = 50.0,
     ) -> None:
         """Saves an image of the running world as PNG; requires a window.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NoReturn
 
+from mindstage.access.limits import Duration
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -28,7 +29,8 @@ from mindstage.engines.base import (
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
-from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
+from mindstage.ranges import Finite, ForceVector, Point, checked
+from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -125,10 +127,12 @@ class NullEngine:
     def highlights(self) -> Mapping[BodyId, Color]:
         return MappingProxyType(self._require_open()._registry.highlighted)
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._require_open()._registry.body(id)
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         self._require_open()._time_s += duration_s
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
@@ -165,7 +169,8 @@ class NullEngine:
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._refuse_actuators()
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._refuse_actuators()
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:

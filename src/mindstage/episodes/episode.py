@@ -35,6 +35,7 @@ from mindstage.episodes.structure import WorldStructure
 from mindstage.errors import EpisodeFileError, EpisodeTimeError, without_surrogates
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import WorldState
+from mindstage.ranges import Time, checked
 from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, World
 from mindstage.simulation.imagined import match_world
 from mindstage.simulation.simulation import Simulation
@@ -258,7 +259,8 @@ class Episode:
 
     # -- states --------------------------------------------------------------------------------------------------------
 
-    def frame_at(self, time_s: float) -> EpisodeFrame:
+    @checked
+    def frame_at(self, time_s: Time) -> EpisodeFrame:
         """The last frame at or before a time [s].
 
         Raises:
@@ -289,7 +291,8 @@ class Episode:
             str(self.path), cause=f"the state at {time_s:g} s is lost", remedy="`losses` lists what is lost"
         )
 
-    def frames(self, begin_s: float | None = None, end_s: float | None = None) -> Iterator[EpisodeFrame]:
+    @checked
+    def frames(self, begin_s: Time | None = None, end_s: Time | None = None) -> Iterator[EpisodeFrame]:
         """All readable frames between two times [s], both included, in the order of time."""
         with self._lock:
             self._check_open()
@@ -309,7 +312,8 @@ class Episode:
                 if (begin_s is None or frame.time_s >= begin_s) and (end_s is None or frame.time_s <= end_s):
                     yield frame
 
-    def state_at(self, time_s: float) -> WorldState:
+    @checked
+    def state_at(self, time_s: Time) -> WorldState:
         """The state that questions about a time [s] look at.
 
         Raises:
@@ -326,11 +330,13 @@ class Episode:
             geometry={id: each for id, each in self.geometry.items() if id in ids},
         )
 
-    def spawned_at(self, time_s: float) -> tuple[World, ...]:
+    @checked
+    def spawned_at(self, time_s: Time) -> tuple[World, ...]:
         """The worlds that were spawned until a time [s], as they were described."""
         return self._structure_at(time_s).spawned
 
-    def immovable_at(self, time_s: float) -> frozenset[BodyId]:
+    @checked
+    def immovable_at(self, time_s: Time) -> frozenset[BodyId]:
         """The dynamic bodies that were simulated as static ones at a time [s]."""
         return self._structure_at(time_s).immovable
 
@@ -340,7 +346,8 @@ class Episode:
             structures = self._read(number).structures.values()
             return next(each for each in structures if each.world is frame.structure)
 
-    def resume(self, time_s: float, *, engine: str = "mujoco") -> Simulation:
+    @checked
+    def resume(self, time_s: Time, *, engine: str = "mujoco") -> Simulation:
         """Continues the simulation from a time [s], at rest: velocities are not recorded.
 
         `reset` of the returned simulation, which the caller closes, restores the worlds as they were spawned.

@@ -30,6 +30,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import EVENT, TYPE, ms
+from mindstage.ranges import Time
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array
@@ -99,8 +100,8 @@ def occurs(
     kb: QuestionContext,
     event: ClassName | None = None,
     thing: IndividualName | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[OccurrenceRow]:
@@ -150,8 +151,8 @@ def _missing_occurrence(
     kb: QuestionContext,
     event: Iri | None = None,
     thing: Iri | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:
@@ -218,8 +219,8 @@ def holds(
     relation: HeldRelation | None = None,
     a: IndividualName | None = None,
     b: IndividualName | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[HoldsRow]:
@@ -319,8 +320,8 @@ def _missing_holding(
     relation: HeldRelation | None = None,
     a: Iri | None = None,
     b: Iri | None = None,
-    begin: float | None = None,
-    end: float | None = None,
+    begin: Time | None = None,
+    end: Time | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:
@@ -473,7 +474,7 @@ class ChangeRow(AnswerRow, frozen=True, kw_only=True):
     about_past=True,
 )
 def changed(
-    kb: QuestionContext, since: float | None = None, until: float | None = None, *, present: StateAccess
+    kb: QuestionContext, since: Time | None = None, until: Time | None = None, *, present: StateAccess
 ) -> Iterator[ChangeRow]:
     """What differs between two times [s], by default the begin and the end: bodies that moved, appeared, disappeared.
 
@@ -563,7 +564,7 @@ def _holders(world: World) -> Mapping[Iri, Iri]:
 
 @changed.missing
 def _missing_change(
-    kb: QuestionContext, since: float | None = None, until: float | None = None, *, present: StateAccess
+    kb: QuestionContext, since: Time | None = None, until: Time | None = None, *, present: StateAccess
 ) -> Iterator[MissingKnowledge]:
     yield MissingKnowledge(EVENT, TYPE, f"nothing differs between these times in {_asked_episodes(present)}")
 

@@ -39,9 +39,10 @@ from mindstage.episodes.recording import (
     Recording,
 )
 from mindstage.episodes.structure import WorldStructure
-from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError, MapWriteError, MindstageError
+from mindstage.errors import EpisodeError, EpisodeFileError, MapWriteError, MindstageError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.io.write import write_map
+from mindstage.ranges import Frequency, checked
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
 from mindstage.simulation.observation import SKILL_EDIT, as_client
 
@@ -193,12 +194,13 @@ class Recorder:
     ...     sim.step(10.0)
     """
 
+    @checked
     def __init__(
         self,
         simulation: RecordedSimulation,
         path: str | os.PathLike[str],
         *,
-        rate_hz: float = 30.0,
+        rate_hz: Frequency = 30.0,
         events: bool = True,
     ) -> None:
         """Starts to record; the state at this time is the first frame.
@@ -216,9 +218,6 @@ class Recorder:
         self.path = Path(path)
         if self.path.suffix != ".mcap":
             raise EpisodeFileError(str(path), cause="an episode file ends with .mcap", remedy="rename it")
-        if not 0.0 < rate_hz <= _MAX_RATE_HZ:
-            cause = f"{rate_hz:g} Hz is not above 0 and at most {_MAX_RATE_HZ:g} Hz"
-            raise InvalidArgumentError("rate", cause=cause, remedy="30 is the default")
         self.interval_s = 1.0 / rate_hz
         """Simulated time between two frames [s]."""
         self._simulation = simulation
@@ -546,7 +545,8 @@ class RecordingFolder:
         recorder = self._recorder
         return recorder if recorder is not None and recorder.recording else None
 
-    def start(self, name: str = "", *, rate_hz: float = 30.0) -> Path:
+    @checked
+    def start(self, name: str = "", *, rate_hz: Frequency = 30.0) -> Path:
         """Starts to record.
 
         Args:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines.base import Contact, PoseArray
 from mindstage.errors import EpisodeError, EpisodeTimeError
+from mindstage.ranges import Time, checked
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, World
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, quat_angle
 
@@ -201,14 +202,14 @@ class Recording(Protocol):
     def spawned(self) -> tuple[World, ...]:
         """The worlds as they were at the begin, one per map."""
 
-    def frame_at(self, time_s: float) -> EpisodeFrame:
+    def frame_at(self, time_s: Time) -> EpisodeFrame:
         """The last frame at or before a time [s].
 
         Raises:
             EpisodeTimeError: the time is before the begin or after the end of the recording.
         """
 
-    def frames(self, begin_s: float | None = None, end_s: float | None = None) -> Iterator[EpisodeFrame]:
+    def frames(self, begin_s: Time | None = None, end_s: Time | None = None) -> Iterator[EpisodeFrame]:
         """All frames between two times [s], both included, in the order of time."""
 
     def events(self) -> tuple[EpisodeEvent, ...]:
@@ -221,12 +222,13 @@ class Recording(Protocol):
 class FrameRecording:
     """A recording whose frames are all in memory."""
 
+    @checked
     def __init__(
         self,
         frames: Iterable[EpisodeFrame],
         *,
         name: str = "recording",
-        start_unix_s: float | None = None,
+        start_unix_s: Time | None = None,
         geometry: GeometryMap = NO_GEOMETRY,
         spawned: tuple[World, ...] = (),
         edits: tuple[EpisodeEdit, ...] = (),
@@ -273,13 +275,15 @@ class FrameRecording:
         """See `Recording`."""
         return self._times[-1]
 
-    def frame_at(self, time_s: float) -> EpisodeFrame:
+    @checked
+    def frame_at(self, time_s: Time) -> EpisodeFrame:
         """See `Recording`."""
         if not self.begin_s <= time_s <= self.end_s:
             raise EpisodeTimeError(self.name, time_s=time_s, begin_s=self.begin_s, end_s=self.end_s)
         return self._frames[bisect_right(self._times, time_s) - 1]
 
-    def frames(self, begin_s: float | None = None, end_s: float | None = None) -> Iterator[EpisodeFrame]:
+    @checked
+    def frames(self, begin_s: Time | None = None, end_s: Time | None = None) -> Iterator[EpisodeFrame]:
         """See `Recording`."""
         begin = 0 if begin_s is None else bisect_left(self._times, begin_s)
         end = len(self._times) if end_s is None else bisect_right(self._times, end_s)

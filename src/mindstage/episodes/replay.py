@@ -16,6 +16,7 @@ from typing import NoReturn, Protocol, runtime_checkable
 
 import msgspec
 
+from mindstage.access.limits import Duration, Speed, Timeout
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -43,7 +44,8 @@ from mindstage.errors import (
 )
 from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, write_map
-from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
+from mindstage.ranges import Finite, ForceVector, Point, Time, checked
+from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import StateSnapshot
@@ -60,7 +62,8 @@ class ReplayEngine:
 
     name = "replay"
 
-    def __init__(self, recording: Recording, *, begin_s: float | None = None, end_s: float | None = None) -> None:
+    @checked
+    def __init__(self, recording: Recording, *, begin_s: Time | None = None, end_s: Time | None = None) -> None:
         """Shows the begin of a recording.
 
         Args:
@@ -85,7 +88,8 @@ class ReplayEngine:
         self._closed = False
         self.show(self.begin_s)
 
-    def show(self, time_s: float) -> None:
+    @checked
+    def show(self, time_s: Time) -> None:
         """Shows the recording at a time [s].
 
         Raises:
@@ -165,7 +169,8 @@ class ReplayEngine:
     def set_label(self, id: BodyId, label: str) -> None:
         self._refuse("change bodies")
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._refuse("push bodies")
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
@@ -174,7 +179,8 @@ class ReplayEngine:
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._refuse("drive joints")
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._refuse("drive joints")
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
@@ -198,7 +204,8 @@ class ReplayEngine:
         existing = set(self._ids)
         self._highlights = MappingProxyType({id: each for id, each in self._highlighted.items() if id in existing})
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         try:
             self.show(min(self._require_open()._time_s + duration_s, self.end_s))
         except EpisodeError as error:  # the frames of that time are lost; an engine's errors pause the simulation
@@ -297,14 +304,15 @@ class EpisodeReplay(Simulation):
     `state.time_s` is the shown time [s]. Playing ends at the end of the recording.
     """
 
+    @checked
     def __init__(
         self,
         recording: Recording,
         knowledge: KnowledgeBase | None = None,
         *,
-        at_s: float | None = None,
+        at_s: Time | None = None,
         beside: Recording | None = None,
-        timeout_s: float = 10.0,
+        timeout_s: Timeout = 10.0,
         threaded: bool = True,
     ) -> None:
         """Shows a recording.
@@ -363,7 +371,8 @@ class EpisodeReplay(Simulation):
         """The last time that can be shown [s]."""
         return self._replay_engine.end_s
 
-    def seek(self, time_s: float) -> None:
+    @checked
+    def seek(self, time_s: Time) -> None:
         """Shows the recording at a time [s]; playing goes on from there.
 
         Raises:
@@ -377,7 +386,8 @@ class EpisodeReplay(Simulation):
 
         self.run_on_engine(seek, label="seek")
 
-    def play(self, *, speed: float = 1.0) -> None:
+    @checked
+    def play(self, *, speed: Speed = 1.0) -> None:
         """Plays the recording at a multiple of its speed, from the shown time, or from the begin if it is at the end.
 
         Args:
@@ -466,7 +476,8 @@ class EpisodeReplay(Simulation):
         self.run_on_engine(end, label="return", edits=True)
         self.undo_stack.clear()
 
-    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
+    @checked
+    def pull(self, id: BodyId, *, point: Point, target: Point) -> None:
         """See `Simulation.pull`.
 
         Raises:

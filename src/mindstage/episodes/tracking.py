@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines.base import PoseArray
 from mindstage.episodes.recording import EpisodeFrame
+from mindstage.ranges import Fraction, NotNegative, check_fields
 from mindstage.scene import Body, BodyId, Joint, Mobility, World
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.kinematics import RigidGroups, axis_ranges, first_movable_axis, is_robot_part, moving_body
@@ -38,65 +39,68 @@ class DetectionThresholds:
     a state, the second one ends it, so that noise around either does not.
     """
 
-    min_duration_s: float = 0.1
+    min_duration_s: NotNegative = 0.1
     """A relation or a motion that lasts shorter is no event, and a shorter gap does not divide one [s]. The time
     resolution of human action segmentation, and longer than the rebound of a contact in a physics engine."""
-    window_s: float = 0.1
+    window_s: NotNegative = 0.1
     """Velocities are means over this time [s]: 1 mm of noise becomes 10 mm/s at most."""
-    move_m_s: tuple[float, float] = (0.03, 0.015)
+    move_m_s: tuple[NotNegative, NotNegative] = (0.03, 0.015)
     """A body or a sliding joint moves, and stops [m/s]. Three times what 1 mm of noise makes of a resting body; hands
     move objects at 0.1 m/s and more."""
-    turn_rad_s: tuple[float, float] = (0.08, 0.04)
+    turn_rad_s: tuple[NotNegative, NotNegative] = (0.08, 0.04)
     """A hinge turns, and stops [rad/s]: the rim of a door of 0.5 m at `move_m_s`."""
-    still_m: float = 0.002
+    still_m: NotNegative = 0.002
     """A body that is displaced by less has not moved yet [m]: begins and ends of motions are dated by it."""
-    contact_gap_m: tuple[float, float] = (0.003, 0.006)
+    contact_gap_m: tuple[NotNegative, NotNegative] = (0.003, 0.006)
     """Where contacts were not recorded, two bodies touch from one gap and part at the other one [m]: above the noise of
     1 mm on either side."""
-    max_contact_depth_m: float = 0.02
+    max_contact_depth_m: NotNegative = 0.02
     """Bodies that overlap by more are not in contact, but one is within the box of the other one [m]; the depth from
     which `scene.spatial` no longer calls a body "on" another one."""
-    support_min_normal_z: float = 0.7
+    support_min_normal_z: Fraction = 0.7
     """Vertical part of the contact normal from which the lower body supports the upper one: 45 degrees."""
-    impulse_window_s: float = 0.1
+    impulse_window_s: NotNegative = 0.1
     """Time over which the force of a new contact is integrated [s]: the duration of an impact in an engine with soft
     contacts, and no more, since the weight of a resting body adds up."""
-    collision_min_speed_m_s: float = 0.3
+    collision_min_speed_m_s: NotNegative = 0.3
     """Least speed along the normal with which the bodies of a collision approach [m/s]: a fall from 5 mm; careful
     placing is slower."""
-    collision_min_impulse_n_s: float = 0.02
+    collision_min_impulse_n_s: NotNegative = 0.02
     """Least impulse of a collision [N s]: a pen of 20 g at 1 m/s. Not required where forces and masses are unknown."""
-    collision_repeat_s: float = 0.5
+    collision_repeat_s: NotNegative = 0.5
     """The rebounds of a collision within this time belong to it [s]."""
-    teleport_m: float = 0.05
+    teleport_m: NotNegative = 0.05
     """Least distance of a jump between two frames [m] …"""
-    teleport_m_s: float = 2.0
+    teleport_m_s: NotNegative = 2.0
     """… and least gain of speed that it would mean [m/s]: no hand, joint or fall gains as much within one frame."""
-    fall_min_height_m: float = 0.05
+    fall_min_height_m: NotNegative = 0.05
     """Least height of a fall [m], which takes 0.1 s."""
-    fall_min_acceleration_m_s2: float = 5.0
+    fall_min_acceleration_m_s2: NotNegative = 5.0
     """Least downward acceleration of a body that falls freely [m/s²]: half of gravity. A pulled body is slower."""
-    held_min_s: float = 0.15
+    held_min_s: NotNegative = 0.15
     """A body that nothing has touched for so long, and that does not fall, is held by a force [s]: then the last tenth
     of a second is free of the moment in which it left its support."""
-    tip_min_rad: float = 0.785
+    tip_min_rad: NotNegative = 0.785
     """Least change of the direction of a body's vertical axis by which it tips over [rad]: 45 degrees."""
-    tip_begin_rad: float = 0.05
+    tip_begin_rad: NotNegative = 0.05
     """Change of that direction from which it has begun to tip [rad]."""
-    slide_min_m: float = 0.03
+    slide_min_m: NotNegative = 0.03
     """Least distance of sliding [m], above the noise and the settling of a body that was put down."""
-    lift_m: float = 0.05
+    lift_m: NotNegative = 0.05
     """Distance between a body and where it left or got its support, by which picking up ends and putting down begins
     [m]. USemLog has 30 mm to 120 mm and 20 mm to 80 mm for the two."""
-    transport_min_m: float = 0.1
+    transport_min_m: NotNegative = 0.1
     """Least distance of transporting [m]."""
-    release_s: float = 0.1
+    release_s: NotNegative = 0.1
     """A body that gets a support within this time after its release was put down, not dropped [s]: the time of the
     least fall."""
-    joint_min_m: float = 0.02
+    joint_min_m: NotNegative = 0.02
     """Least travel of opening and closing a slide [m]: the play of a closed drawer is less."""
-    joint_min_rad: float = 0.035
+    joint_min_rad: NotNegative = 0.035
     """Least travel of opening and closing a hinge [rad]: 2 degrees."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

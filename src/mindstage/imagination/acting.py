@@ -21,6 +21,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import Samples, Timeout
 from mindstage.engines.base import PoseArray
 from mindstage.imagination.execution import PlanRunner, complete, never
 from mindstage.imagination.executors import Executor
@@ -28,6 +29,7 @@ from mindstage.imagination.plan_files import PlanFile, load_plan
 from mindstage.imagination.plans import Check, Plan, Uncertainty
 from mindstage.imagination.results import Outcome, SampleResult
 from mindstage.imagination.verdicts import Progress, Verdict, imagine
+from mindstage.ranges import Fraction, Seed, Workers, checked
 from mindstage.robots.skills.declaration import SkillStep
 from mindstage.scene import BodyId
 from mindstage.simulation import Simulation, TrialResult
@@ -76,11 +78,12 @@ class TryFirstResult(TrialResult):
         }
 
 
+@checked
 def act(
     simulation: Simulation,
     plan: Plan | PlanFile | str | os.PathLike[str],
     *,
-    seed: int = 0,
+    seed: Seed = 0,
     stop: Callable[[], bool] = never,
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
     on_step: Callable[[SkillStep], object] | None = None,
@@ -110,18 +113,19 @@ def act(
         return complete(sample, lambda duration_s: _let_pass(simulation, duration_s), stop=stop)
 
 
+@checked
 def try_first(
     simulation: Simulation,
     plan: Plan | PlanFile | str | os.PathLike[str],
     *,
-    at_least: float = 0.9,
+    at_least: Fraction = 0.9,
     certain: bool = True,
     check: Check | None = None,
     uncertainty: Iterable[Uncertainty] = (),
-    samples: int = 100,
-    seed: int = 0,
-    budget_s: float = 60.0,
-    workers: int | str | Executor = 1,
+    samples: Samples = 100,
+    seed: Seed = 0,
+    budget_s: Timeout = 60.0,
+    workers: Workers | str | Executor = 1,
     progress: Callable[[Progress], object] = lambda progress: None,
     cancel: Callable[[], bool] = never,
     on_verdict: Callable[[Verdict], object] = lambda verdict: None,

@@ -48,6 +48,7 @@ from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, Sam
 from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.rdf import local_name
+from mindstage.ranges import Index, Seed, checked
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector
@@ -99,12 +100,13 @@ def is_uncertain(plan: Plan) -> bool:
     )
 
 
+@checked
 def run_plan(
     simulation: Simulation,
     plan: Plan,
     *,
-    index: int = 0,
-    seed: int = 0,
+    index: Index = 0,
+    seed: Seed = 0,
     stop: Callable[[], bool] = never,
     on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
 ) -> SampleResult:
@@ -160,7 +162,8 @@ _Passage: TypeAlias = Generator[float, None, None]
 class PlanRunner:
     """Executes one plan again and again, in simulations that begin in the same state."""
 
-    def __init__(self, simulation: Simulation, plan: Plan, *, seed: int = 0) -> None:
+    @checked
+    def __init__(self, simulation: Simulation, plan: Plan, *, seed: Seed = 0) -> None:
         """Prepares what all samples have in common.
 
         Args:
@@ -178,10 +181,11 @@ class PlanRunner:
         layout = self._basis.layout
         self._free = frozenset(layout.ids[row] for row in layout.free_rows.tolist())
 
+    @checked
     def run(
         self,
         simulation: Simulation,
-        index: int,
+        index: Index,
         *,
         stop: Callable[[], bool] = never,
         on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
@@ -199,10 +203,11 @@ class PlanRunner:
         """The bodies that have another pose at the start of each sample."""
         return tuple(id for id, each in self._uncertainty.items() if id in self._free and _moves(each))
 
+    @checked
     def begin(
         self,
         world: SampleWorld,
-        index: int,
+        index: Index,
         *,
         on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
         on_step: Callable[[SkillStep], object] | None = None,

@@ -27,6 +27,7 @@ from mindstage.errors import ImaginationError, MindstageError
 from mindstage.imagination.execution import PlanRunner, never
 from mindstage.imagination.plans import Plan
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
+from mindstage.ranges import Workers, checked
 from mindstage.simulation import SimulationImage
 
 __all__ = ["Executor", "InProcessExecutor", "Job", "SampleRunner", "WorkerPoolExecutor", "lost_sample", "run_worker"]
@@ -225,7 +226,8 @@ class WorkerPoolExecutor:
     to others. A worker that does not stop at the deadline is killed.
     """
 
-    def __init__(self, workers: int | None = None) -> None:
+    @checked
+    def __init__(self, workers: Workers | None = None) -> None:
         """Starts no process yet.
 
         Args:

@@ -15,7 +15,12 @@ from mindstage.imagination.plans import Open, Plan, Wait
 from mindstage.imagination.results import EventKind, SampleResult
 from mindstage.imagination.trials import (
     DEFAULT_SAMPLES,
+    Heading,
     ImaginedScene,
+    OpenShare,
+    PullForce,
+    SampleCount,
+    Tilt,
     Trial,
     Trials,
     body_pose,
@@ -25,7 +30,6 @@ from mindstage.imagination.trials import (
     remember,
     run_trials,
     why_not,
-    within,
 )
 from mindstage.knowledge.queries.proximity import missing_about, missing_arguments
 from mindstage.knowledge.queries.spatial import body_claims
@@ -40,6 +44,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import CHILD, THING
+from mindstage.ranges import Fraction, Seed
 from mindstage.scene import Body, BodyId, Iri, Joint, Vector
 from mindstage.scene.kinematics import is_robot_part
 from mindstage.scene.proximity import BodyBoxes
@@ -185,10 +190,10 @@ class FrontRow(AnswerRow, frozen=True, kw_only=True):
 def can_open(
     kb: QuestionContext,
     thing: IndividualName | None = None,
-    to_share: float | None = None,
+    to_share: OpenShare | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -204,7 +209,7 @@ def can_open(
     """
     if thing is None:
         return
-    fraction = within("to_share", 1.0 if to_share is None else to_share, 0.01, 1.0)
+    fraction = 1.0 if to_share is None else to_share
     for scene in imagined_scenes(kb, present, map, thing):
         for joint in scene.fronts(thing):
             moving = scene.moving_body(joint)
@@ -269,10 +274,10 @@ def _explain_front(kb: QuestionContext, row: FrontRow) -> Iterator[str]:
 def _missing_front(
     kb: QuestionContext,
     thing: Iri | None = None,
-    to_share: float | None = None,
+    to_share: OpenShare | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,
@@ -334,10 +339,10 @@ class PullRow(AnswerRow, frozen=True, kw_only=True):
 def reachable_by_pull(
     kb: QuestionContext,
     handle: IndividualName | None = None,
-    max_force_n: float | None = None,
+    max_force_n: PullForce | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -353,7 +358,7 @@ def reachable_by_pull(
     """
     if handle is None:
         return
-    limit_n = within("max_force_n", _arm_force_n() if max_force_n is None else max_force_n, _MIN_FORCE_N, 10_000.0, "N")
+    limit_n = _arm_force_n() if max_force_n is None else max_force_n
     for scene in imagined_scenes(kb, present, map, handle):
         for joint in scene.fronts(handle) if handle in scene.bodies else ():
             moving = scene.moving_body(joint)
@@ -440,10 +445,10 @@ def _explain_pull(kb: QuestionContext, row: PullRow) -> Iterator[str]:
 def _missing_pull(
     kb: QuestionContext,
     handle: Iri | None = None,
-    max_force_n: float | None = None,
+    max_force_n: PullForce | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,
@@ -493,13 +498,13 @@ class SpillRow(AnswerRow, frozen=True, kw_only=True):
 def would_spill(
     kb: QuestionContext,
     vessel: IndividualName | None = None,
-    tilt_deg: float | None = None,
-    fill_share: float | None = None,
-    heading_deg: float | None = None,
-    tilt_std_deg: float | None = None,
-    fill_std: float | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    tilt_deg: Tilt | None = None,
+    fill_share: Fraction | None = None,
+    heading_deg: Heading | None = None,
+    tilt_std_deg: Tilt | None = None,
+    fill_std: Fraction | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -517,12 +522,9 @@ def would_spill(
     """
     if vessel is None:
         return
-    tilt = None if tilt_deg is None else within("tilt_deg", tilt_deg, 0.0, 90.0, "degrees")
-    share = within("fill_share", 0.8 if fill_share is None else fill_share, 0.0, 1.0)
-    deviations = tuple(
-        within(name, value or 0.0, 0.0, 90.0)
-        for name, value in (("tilt_std_deg", tilt_std_deg), ("fill_std", fill_std))
-    )
+    tilt = tilt_deg
+    share = 0.8 if fill_share is None else fill_share
+    deviations = (tilt_std_deg or 0.0, fill_std or 0.0)
     for scene in imagined_scenes(kb, present, map, vessel):
         body = scene.bodies.get(vessel)
         if body is None:
@@ -632,13 +634,13 @@ def _explain_spill(kb: QuestionContext, row: SpillRow) -> Iterator[str]:
 def _missing_spill(
     kb: QuestionContext,
     vessel: Iri | None = None,
-    tilt_deg: float | None = None,
-    fill_share: float | None = None,
-    heading_deg: float | None = None,
-    tilt_std_deg: float | None = None,
-    fill_std: float | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    tilt_deg: Tilt | None = None,
+    fill_share: Fraction | None = None,
+    heading_deg: Heading | None = None,
+    tilt_std_deg: Tilt | None = None,
+    fill_std: Fraction | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Self
 import msgspec
 import yaml
 
+from mindstage.access.limits import Deadline, PositiveDuration
 from mindstage.errors import PlanError
 from mindstage.imagination.execution import validate_plan
 from mindstage.imagination.plans import (
@@ -37,7 +38,8 @@ from mindstage.imagination.plans import (
     Uncertainty,
     Wait,
 )
-from mindstage.scene import Mobility, Pose, Vector
+from mindstage.ranges import ForceVector, Fraction, Point, PositiveMass, checked
+from mindstage.scene import Mobility, Pose
 from mindstage.simulation import Simulation
 
 __all__ = ["PlanBuilder", "PlanFile", "dump_plan", "load_plan", "plan_schema"]
@@ -132,57 +134,74 @@ class PlanBuilder:
         self._uncertainty: list[Uncertainty] = []
         self._options: dict[str, Any] = {}
 
-    def place(self, thing: str, *, on: str | None = None, into: str | None = None, **options: float) -> Self:
+    @checked
+    def place(self, thing: str, *, on: str | None = None, into: str | None = None, **options: Deadline) -> Self:
         """Adds a `Place`; `options` is `deadline_s`, here and below."""
         return self.add(Place(thing=thing, on=on, into=into, **options))
 
-    def move(self, thing: str, *, to: Pose | None = None, by: Vector | None = None, **options: float) -> Self:
+    @checked
+    def move(self, thing: str, *, to: Pose | None = None, by: Point | None = None, **options: Deadline) -> Self:
         """Adds a `Move`."""
         return self.add(Move(thing=thing, to=to, by=by, **options))
 
-    def pull(self, thing: str, *, target: Vector, point: Vector = (0.0, 0.0, 0.0), **options: float) -> Self:
+    @checked
+    def pull(self, thing: str, *, target: Point, point: Point = (0.0, 0.0, 0.0), **options: Deadline) -> Self:
         """Adds a `Pull`."""
         return self.add(Pull(thing=thing, target=target, point=point, **options))
 
+    @checked
     def push(
-        self, thing: str, *, force: Vector, point: Vector | None = None, duration_s: float = 0.5, **options: float
+        self,
+        thing: str,
+        *,
+        force: ForceVector,
+        point: Point | None = None,
+        duration_s: PositiveDuration = 0.5,
+        **options: Deadline,
     ) -> Self:
         """Adds a `Push`."""
         return self.add(Push(thing=thing, force=force, point=point, duration_s=duration_s, **options))
 
-    def open(self, thing: str, *, fraction: float = 1.0, **options: float) -> Self:
+    @checked
+    def open(self, thing: str, *, fraction: Fraction = 1.0, **options: Deadline) -> Self:
         """Adds an `Open`."""
         return self.add(Open(thing=thing, fraction=fraction, **options))
 
-    def close(self, thing: str, **options: float) -> Self:
+    @checked
+    def close(self, thing: str, **options: Deadline) -> Self:
         """Adds a `Close`."""
         return self.add(Close(thing=thing, **options))
 
-    def wait(self, duration_s: float, **options: float) -> Self:
+    @checked
+    def wait(self, duration_s: PositiveDuration, **options: Deadline) -> Self:
         """Adds a `Wait`, whose deadline is by default long enough."""
         return self.add(Wait(duration_s=duration_s, **{"deadline_s": max(10.0, duration_s + 1.0), **options}))
 
-    def attach(self, child: str, *, to: str, **options: float) -> Self:
+    @checked
+    def attach(self, child: str, *, to: str, **options: Deadline) -> Self:
         """Adds an `Attach`."""
         return self.add(Attach(parent=to, child=child, **options))
 
-    def detach(self, child: str, **options: float) -> Self:
+    @checked
+    def detach(self, child: str, **options: Deadline) -> Self:
         """Adds a `Detach`."""
         return self.add(Detach(child=child, **options))
 
+    @checked
     def change_physics(
         self,
         thing: str,
         *,
-        mass_kg: float | None = None,
+        mass_kg: PositiveMass | None = None,
         mobility: Mobility | None = None,
         gravity: bool | None = None,
-        **options: float,
+        **options: Deadline,
     ) -> Self:
         """Adds a `ChangePhysics`."""
         return self.add(ChangePhysics(thing=thing, mass_kg=mass_kg, mobility=mobility, gravity=gravity, **options))
 
-    def perform(self, skill: str, *, robot: str = "", deadline_s: float = 300.0, **args: str | float) -> Self:
+    @checked
+    def perform(self, skill: str, *, robot: str = "", deadline_s: Deadline = 300.0, **args: str | float) -> Self:
         """Adds a `Perform`; `args` are the arguments of the skill."""
         return self.add(Perform(skill=skill, args=args, robot=robot, deadline_s=deadline_s))
 
@@ -211,7 +230,8 @@ class PlanBuilder:
         self._options["forbid"] = kinds
         return self
 
-    def deadline(self, deadline_s: float) -> Self:
+    @checked
+    def deadline(self, deadline_s: Deadline) -> Self:
         """Sets the deadline of the whole plan [s of simulated time]."""
         self._options["deadline_s"] = deadline_s
         return self

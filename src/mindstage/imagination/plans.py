@@ -6,13 +6,13 @@ frame (x forward, y left, z up), lengths in meters, forces in newtons, times in 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import msgspec
-from msgspec import Meta
 
-from mindstage.access.limits import STEP_DURATION
-from mindstage.scene import Mobility, Pose, Vector
+from mindstage.access.limits import Deadline, PositiveDuration
+from mindstage.ranges import ForceVector, Fraction, NotNegative, Point, PositiveMass, check_fields
+from mindstage.scene import Mobility, Pose
 
 __all__ = [
     "Attach",
@@ -32,18 +32,17 @@ __all__ = [
     "Wait",
 ]
 
-Positive: TypeAlias = Annotated[float, Meta(gt=0)]
-Duration: TypeAlias = Annotated[float, Meta(gt=0, le=STEP_DURATION.maximum)]
-NonNegative: TypeAlias = Annotated[float, Meta(ge=0)]
-
 
 _DEADLINE_S = 30.0
 """Of a plan that states none and has no skills [s]."""
 
 
 class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_unknown_fields=True):
-    deadline_s: Positive = 10.0
+    deadline_s: Deadline = 10.0
     """The step fails if it has not ended after this simulated time [s]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class Place(_Step, frozen=True, kw_only=True, tag="place"):
@@ -61,7 +60,7 @@ class Move(_Step, frozen=True, kw_only=True, tag="move"):
 
     thing: str
     to: Pose | None = None
-    by: Vector | None = None
+    by: Point | None = None
     """A displacement [m] instead of a pose; exactly one of `to` and `by`."""
 
 
@@ -69,9 +68,9 @@ class Pull(_Step, frozen=True, kw_only=True, tag="pull"):
     """Pulls a point of a thing to a target with the force of an arm, and releases it there."""
 
     thing: str
-    target: Vector
+    target: Point
     """Where the point is pulled to, in the world frame [m]."""
-    point: Vector = (0.0, 0.0, 0.0)
+    point: Point = (0.0, 0.0, 0.0)
     """The point, in the frame of the body [m]."""
 
 
@@ -79,11 +78,11 @@ class Push(_Step, frozen=True, kw_only=True, tag="push"):
     """Applies a constant force to a thing."""
 
     thing: str
-    force: Vector
+    force: ForceVector
     """In the world frame [N]."""
-    point: Vector | None = None
+    point: Point | None = None
     """Where it acts, in the frame of the body [m]; None for the center of mass."""
-    duration_s: Duration = 0.5
+    duration_s: PositiveDuration = 0.5
 
 
 class Open(_Step, frozen=True, kw_only=True, tag="open"):
@@ -91,7 +90,7 @@ class Open(_Step, frozen=True, kw_only=True, tag="open"):
 
     thing: str
     """The id of the joint or of the body that it moves."""
-    fraction: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    fraction: Fraction = 1.0
 
 
 class Close(_Step, frozen=True, kw_only=True, tag="close"):
@@ -103,7 +102,7 @@ class Close(_Step, frozen=True, kw_only=True, tag="close"):
 class Wait(_Step, frozen=True, kw_only=True, tag="wait"):
     """Lets time pass."""
 
-    duration_s: Duration
+    duration_s: PositiveDuration
 
 
 class Attach(_Step, frozen=True, kw_only=True, tag="attach"):
@@ -123,7 +122,7 @@ class ChangePhysics(_Step, frozen=True, kw_only=True, tag="set_physics"):
     """Changes physical properties of a body; those that are None remain."""
 
     thing: str
-    mass_kg: Positive | None = None
+    mass_kg: PositiveMass | None = None
     mobility: Mobility | None = None
     gravity: bool | None = None
 
@@ -137,7 +136,7 @@ class Perform(_Step, frozen=True, kw_only=True, tag="perform"):
     """The arguments of the skill by name."""
     robot: str = ""
     """The name of the robot; empty for the only one."""
-    deadline_s: Positive = 300.0
+    deadline_s: Deadline = 300.0
 
 
 PlanStep: TypeAlias = Place | Move | Pull | Push | Open | Close | Wait | Attach | Detach | ChangePhysics | Perform
@@ -153,14 +152,17 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The id of a body, or the name of a class."""
     position_m: float | tuple[float, float, float] = 0.0  # msgspec 0.22 crashes if these numbers have constraints
     """Along x, y, z of the world; one number is for x and y, and the height is then exact."""
-    yaw_rad: NonNegative = 0.0
+    yaw_rad: NotNegative = 0.0
     """Rotation about the vertical axis."""
-    mass: NonNegative = 0.0
+    mass: NotNegative = 0.0
     """Relative to the mass."""
-    friction: NonNegative = 0.0
+    friction: NotNegative = 0.0
     """Relative to the coefficients of friction."""
-    joint_friction: NonNegative = 0.0
+    joint_friction: NotNegative = 0.0
     """Relative to the friction and damping of the joint that moves the body."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class Check(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -182,12 +184,15 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """None if it is enough that each step ends in time and that no forbidden event occurs."""
     until: Check | None = None
     """After the last step, time passes until this holds, or else until everything is at rest."""
-    deadline_s: Positive | None = None
+    deadline_s: Deadline | None = None
     """The sample fails if the plan has not ended after this simulated time [s]; None for 30 s, and in addition the
     deadlines of all skills."""
     forbid: tuple[str, ...] = ("fell", "tipped", "left")
     """Kinds of events (`EventKind`) with which a sample fails. Setting a pose is no event, what follows from it is."""
     format_version: Literal[1] = 1
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def time_limit_s(self) -> float:

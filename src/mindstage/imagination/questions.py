@@ -29,7 +29,11 @@ from mindstage.imagination.front_questions import (
 from mindstage.imagination.plans import Place, Plan, PlanStep, Push, Wait
 from mindstage.imagination.results import EventKind, SampleResult
 from mindstage.imagination.trials import (
+    Heading,
     ImaginedScene,
+    ImaginedTime,
+    PushForce,
+    SampleCount,
     Trial,
     Trials,
     body_pose,
@@ -59,6 +63,7 @@ from mindstage.knowledge.questions import (
     question_names,
 )
 from mindstage.knowledge.rdf import local_name
+from mindstage.ranges import Fraction, Length, Seed
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
@@ -128,12 +133,12 @@ def stays(
     kb: QuestionContext,
     thing: IndividualName | None = None,
     place: IndividualName | None = None,
-    for_s: float | None = None,
+    for_s: ImaginedTime | None = None,
     relation: PlaceRelation | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -152,7 +157,7 @@ def stays(
     """
     if thing is None:
         return
-    duration_s = within("for_s", 2.0 if for_s is None else for_s, 0.01, _MAX_DURATION_S, "s")
+    duration_s = 2.0 if for_s is None else for_s
     for scene in imagined_scenes(kb, present, map, thing, place):
         body = scene.bodies.get(thing)
         if body is None:
@@ -243,12 +248,12 @@ def _missing_stay(
     kb: QuestionContext,
     thing: Iri | None = None,
     place: Iri | None = None,
-    for_s: float | None = None,
+    for_s: ImaginedTime | None = None,
     relation: PlaceRelation | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,
@@ -293,9 +298,9 @@ def fits_now(
     place: IndividualName | None = None,
     relation: PlaceRelation | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -359,9 +364,9 @@ def _missing_placement(
     place: Iri | None = None,
     relation: PlaceRelation | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,
@@ -408,13 +413,13 @@ class TipRow(AnswerRow, frozen=True, kw_only=True):
 def would_tip(
     kb: QuestionContext,
     thing: IndividualName | None = None,
-    push_n: float | None = None,
-    height_m: float | None = None,
-    heading_deg: float | None = None,
+    push_n: PushForce | None = None,
+    height_m: Length | None = None,
+    heading_deg: Heading | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -430,7 +435,7 @@ def would_tip(
     """
     if thing is None:
         return
-    force = within("push_n", 5.0 if push_n is None else push_n, 0.0, 10_000.0, "N")
+    force = 5.0 if push_n is None else push_n
     for scene in imagined_scenes(kb, present, map, thing):
         body = scene.bodies.get(thing)
         if body is None or body.size is None:
@@ -500,13 +505,13 @@ def _explain_tip(kb: QuestionContext, row: TipRow) -> Iterator[str]:
 def _missing_tip(
     kb: QuestionContext,
     thing: Iri | None = None,
-    push_n: float | None = None,
-    height_m: float | None = None,
-    heading_deg: float | None = None,
+    push_n: PushForce | None = None,
+    height_m: Length | None = None,
+    heading_deg: Heading | None = None,
     uncertainty: str | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,
@@ -556,10 +561,10 @@ def what_if(
     kb: QuestionContext,
     edit: str | None = None,
     question: str | None = None,
-    wait_s: float | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    wait_s: ImaginedTime | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -577,7 +582,7 @@ def what_if(
     """
     if edit is None or question is None:
         return
-    duration_s = within("wait_s", 2.0 if wait_s is None else wait_s, 0.0, _MAX_WAIT_S, "s")
+    duration_s = 2.0 if wait_s is None else wait_s
     scenes = imagined_scenes(kb, present, map)
     scene = next(scenes, None)
     if scene is None:
@@ -679,10 +684,10 @@ def _missing_what_if(
     kb: QuestionContext,
     edit: str | None = None,
     question: str | None = None,
-    wait_s: float | None = None,
-    samples: int | None = None,
-    seed: int | None = None,
-    min_probability: float | None = None,
+    wait_s: ImaginedTime | None = None,
+    samples: SampleCount | None = None,
+    seed: Seed | None = None,
+    min_probability: Fraction | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,

@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from mindstage.engines import make_engine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
@@ -58,7 +59,13 @@ __all__ = [
 
 DEFAULT_SAMPLES = 50
 """The number of samples of a question whose world is uncertain; without uncertainty it is one."""
-_MAX_SAMPLES = 10_000
+SampleCount = Annotated[int, Meta(ge=1, le=10_000)]
+ImaginedTime = Annotated[float, Meta(ge=0.0, le=600.0, extra={"unit": "s"})]
+PushForce = Annotated[float, Meta(ge=0.0, le=10_000.0, extra={"unit": "N"})]
+PullForce = Annotated[float, Meta(ge=0.5, le=10_000.0, extra={"unit": "N"})]
+Tilt = Annotated[float, Meta(ge=0.0, le=90.0, extra={"unit": "degrees"})]
+Heading = Annotated[float, Meta(ge=-36_000.0, le=36_000.0, extra={"unit": "degrees"})]
+OpenShare = Annotated[float, Meta(ge=0.01, le=1.0)]
 _BUDGET_S = 10.0
 """The time after which a question takes no more samples [s]."""
 _MAX_EDIT_CHARACTERS = 20_000
@@ -279,10 +286,7 @@ def run_trials(
 
     Raises:
         PlanError: the plan is not possible in this world.
-        InvalidArgumentError: the number of samples is out of range.
     """
-    if samples is not None and not 1 <= samples <= _MAX_SAMPLES:
-        raise InvalidArgumentError("samples", cause=f"{samples} is out of range", remedy=f"give 1 to {_MAX_SAMPLES:,}")
     with scene.image.restore() as start:
         stated = stated_uncertainty(start)
         plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))

@@ -23,6 +23,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import Samples, Timeout
 from mindstage.engines.base import PoseArray
 from mindstage.errors import ImaginationError, PlanError
 from mindstage.imagination.execution import is_uncertain, never, validate_plan
@@ -31,6 +32,7 @@ from mindstage.imagination.plan_files import PlanFile, load_plan
 from mindstage.imagination.plans import Check, Plan, Uncertainty
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
+from mindstage.ranges import Fraction, Index, Seed, Workers, checked
 from mindstage.scene import BodyId
 from mindstage.scene.display import counted, html_table
 from mindstage.simulation import Simulation
@@ -46,7 +48,8 @@ _MAX_KEPT = 1000
 """Number of samples whose results are kept; the counts are of all."""
 
 
-def wilson_interval(successes: int, samples: int) -> tuple[float, float]:
+@checked
+def wilson_interval(successes: Index, samples: Index) -> tuple[float, float]:
     """The 95 % confidence interval of a probability after Wilson (1927), the score interval without correction.
 
     Args:
@@ -170,7 +173,8 @@ class Verdict:
         poses = [each.end_poses[body] for each in self.results if body in each.end_poses]
         return np.array([[*pose.position, *pose.quaternion] for pose in poses], dtype=float).reshape(-1, 7)
 
-    def replay(self, index: int | None = None, *, stop: Callable[[], bool] = never) -> Replay:
+    @checked
+    def replay(self, index: Index | None = None, *, stop: Callable[[], bool] = never) -> Replay:
         """Executes one sample again, exactly as before.
 
         Args:
@@ -228,18 +232,19 @@ class Verdict:
         return html_table(str(self), ("cause", "thing", "other", "samples"), rows)
 
 
+@checked
 def imagine(
     simulation: Simulation,
     plan: Plan | PlanFile | str | os.PathLike[str],
     *,
     check: Check | None = None,
     uncertainty: Iterable[Uncertainty] = (),
-    samples: int = 100,
-    seed: int = 0,
-    budget_s: float = 60.0,
-    threshold: float = 0.9,
-    width: float | None = 0.1,
-    workers: int | str | Executor = 1,
+    samples: Samples = 100,
+    seed: Seed = 0,
+    budget_s: Timeout = 60.0,
+    threshold: Fraction = 0.9,
+    width: Fraction | None = 0.1,
+    workers: Workers | str | Executor = 1,
     progress: Callable[[Progress], object] = lambda progress: None,
     cancel: Callable[[], bool] = never,
 ) -> Verdict:

@@ -23,6 +23,7 @@ from urllib.parse import SplitResult, unquote, urlencode, urlsplit, urlunsplit
 
 import pyoxigraph as ox
 
+from mindstage.access.limits import Timeout
 from mindstage.errors import (
     EndpointError,
     EndpointUnreachableError,
@@ -49,6 +50,7 @@ from mindstage.knowledge.vocabulary import (
     dul,
     soma,
 )
+from mindstage.ranges import checked
 from mindstage.scene import Iri, IriRef
 
 if TYPE_CHECKING:
@@ -106,7 +108,8 @@ class HttpReply:
 class SparqlEndpoint:
     """The address of a SPARQL server; a connection is made for each request."""
 
-    def __init__(self, url: str, *, update_url: str | None = None, timeout_s: float = 30.0) -> None:
+    @checked
+    def __init__(self, url: str, *, update_url: str | None = None, timeout_s: Timeout = 30.0) -> None:
         """Checks the addresses; sends nothing yet.
 
         Args:
@@ -124,8 +127,9 @@ class SparqlEndpoint:
     def __str__(self) -> str:
         return _redacted_url(self._url_parts)
 
+    @checked
     def query(
-        self, query: str, *, accept: str = f"{JSON_RESULTS}, {N_TRIPLES}", timeout_s: float | None = None
+        self, query: str, *, accept: str = f"{JSON_RESULTS}, {N_TRIPLES}", timeout_s: Timeout | None = None
     ) -> HttpReply:
         """Sends a query.
 

@@ -8,12 +8,12 @@ the last one also at the end of the episode.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from math import isfinite
 from typing import Any, Protocol
 
 import msgspec
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Time, check_number, declared_range
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Iri, World
 
 __all__ = [
@@ -275,13 +275,16 @@ def time_arguments(
     return QuestionTime(at_s=at, since_s=since, until_s=until, episode=episode), rest
 
 
+_TIME = declared_range(Time)
+
+
 def _seconds(name: str, value: object) -> float:
     try:
         number = msgspec.convert(value, float, strict=False)
     except msgspec.ValidationError:
-        number = float("nan")
-    if not isfinite(number):
-        raise InvalidArgumentError(name, cause=f"{value!r} is no time", remedy="give seconds, such as 3.2")
+        check_number(value, _TIME, name)
+        raise
+    check_number(number, _TIME, name)
     return number
 
 

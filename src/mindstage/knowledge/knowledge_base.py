@@ -20,6 +20,7 @@ from weakref import ref
 import msgspec
 import pyoxigraph as ox
 
+from mindstage.access.limits import Timeout
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
 from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
 from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
@@ -49,6 +50,7 @@ from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.taxonomy import ClassHierarchy
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
+from mindstage.ranges import Time, checked
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -336,6 +338,23 @@ class KnowledgeBase:
         """
         self._change_callbacks.append(callback)
 
+    def is_stated(self, quad: ox.Quad) -> bool:
+        """Whether the store has a statement in its graph."""
+        return any(each == quad for each in self._store.quads_for_pattern(*quad.triple))
+
+    def repeat_changes(self, changes: Iterable[tuple[ox.Quad, bool]]) -> None:
+        """Repeats changes of an equal knowledge base, of which `on_change` has reported the statements.
+
+        Args:
+            changes: statements that were changed, each with whether it `is_stated` afterwards.
+        """
+        with self.lock:
+            quads = []
+            for quad, is_stated in changes:
+                (self._store.add if is_stated else self._store.remove)(quad)
+                quads.append(quad)
+            self._invalidate(quads)
+
     def maps(self) -> tuple[Iri, ...]:
         """The maps that are loaded, in the order of their sources."""
         found = (map for source in self._registry.map_sources() for map in self._registry.maps_in(source))
@@ -599,14 +618,15 @@ class KnowledgeBase:
             self._invalidate_all()
         return True
 
+    @checked
     def sparql(
         self,
         query: str,
         *,
-        timeout_s: float = 30.0,
+        timeout_s: Timeout = 30.0,
         allow_service: bool = False,
         present: StateAccess | None = None,
-        at: float | None = None,
+        at: Time | None = None,
         episode: str | None = None,
     ) -> SparqlResult:
         """Runs a SPARQL 1.1 query: the default graph is the union of all sources, and each source is a named graph.

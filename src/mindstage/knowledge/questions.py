@@ -51,6 +51,7 @@ from typing import (
 from weakref import ref
 
 import msgspec
+from msgspec import Meta
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge.claims import Claim, ClaimKind
@@ -69,6 +70,7 @@ from mindstage.knowledge.question_catalog import CATALOG
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.vocabulary import EVENT, TYPE
+from mindstage.ranges import Range, check_number, range_of
 from mindstage.scene import (
     Body,
     Iri,
@@ -474,6 +476,8 @@ class QuestionArgument:
     value_type: EntityType | type
     """The entity type of a name, or the type of a plain value."""
     default: object
+    range: Range | None = None
+    """The range of a number."""
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -539,7 +543,12 @@ class Question(Generic[R]):
         """Its arguments, in the order of the declaration."""
         parameters = list(inspect.signature(self._function).parameters.values())[1:]
         asked = (each for each in parameters if each.kind is not each.KEYWORD_ONLY)
-        return tuple(QuestionArgument(each.name, _value_type(self._hints[each.name]), each.default) for each in asked)
+        return tuple(
+            QuestionArgument(
+                each.name, _value_type(self._hints[each.name]), each.default, range_of(self._hints[each.name])
+            )
+            for each in asked
+        )
 
     @cached_property
     def _arguments_by_name(self) -> Mapping[str, QuestionArgument]:
@@ -623,6 +632,9 @@ class Question(Generic[R]):
         """
         now = present or StateAccess(kb)
         if self.about_past and not any(source.names() for source in now.episodes):
+            for name in args:
+                if (argument := self._arguments_by_name.get(name)) is None or argument.range is not None:
+                    self._parse_argument(kb, now, name, args[name])
             return Answers(self, {}, (), (_no_episode(),), kb=kb, notes=notes)
         if self.uses_current_state:
             now.fetch()  # before taking the lock, since the engine may take a while
@@ -722,12 +734,15 @@ class Question(Generic[R]):
                 f"{self.name}, {name}", cause=f"{value!r} is no {argument.value_type.value}'s name"
             )
         try:
-            return msgspec.convert(value, argument.value_type, strict=False)
+            converted: Any = msgspec.convert(value, argument.value_type, strict=False)
         except msgspec.ValidationError as error:
             choices = ", ".join(argument.choices)
             cause = f"{value!r} is no {name if choices else argument.type_text}"
             remedy = f"there is {choices}" if choices else ""
             raise InvalidArgumentError(f"{self.name}, {name}", cause=cause, remedy=remedy) from error
+        if argument.range is not None:
+            check_number(converted, argument.range, f"{self.name}, {name}")
+        return converted
 
     def _resolve_name(
         self, kb: QuestionContext, state_access: StateAccess, name: str, entity_type: EntityType
@@ -843,7 +858,8 @@ def _value_type(hint: Any) -> EntityType | type:
     """The entity type or Python type of a type hint: CLASS for `ClassName | None`."""
     alternatives = [each for each in get_args(hint) if each is not type(None)]
     if hasattr(hint, "__metadata__"):
-        return hint.__metadata__[0]  # type: ignore[no-any-return]
+        kind: EntityType | type = hint.__metadata__[0]
+        return get_args(hint)[0] if isinstance(kind, Meta) else kind
     if len(alternatives) == 1 and type(None) in get_args(hint):
         return _value_type(alternatives[0])
     return hint  # type: ignore[no-any-return]

@@ -38,6 +38,7 @@ import msgspec
 from msgspec import Meta, inspect
 
 from mindstage.errors import MessageValidationError, suggestion
+from mindstage.ranges import Time, checked
 
 __all__ = [
     "FLOAT64_MAX",
@@ -144,7 +145,8 @@ class TimeMessage(Message, frozen=True):
     nanosec: Int32 = 0
 
     @classmethod
-    def at(cls, time_s: float) -> Self:
+    @checked
+    def at(cls, time_s: Time) -> Self:
         """Converts from one number [s]; after decades since the epoch, a float resolves about 0.1 us."""
         seconds, nanoseconds = divmod(round(time_s * 1_000_000_000), 1_000_000_000)
         return cls(sec=seconds, nanosec=nanoseconds)

@@ -16,7 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS
+from mindstage.access.limits import ANSWER_PARTS, REQUEST_PARTS, Deadline
 from mindstage.access.policies import QUERY, TRUSTED, Cost, EntryKind, EntryPoint, Policy
 from mindstage.access.resources import is_outside_request
 from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavailableError, SourceParseError
@@ -36,6 +36,7 @@ from mindstage.prolog.swipl import (
     read_term,
     write_term,
 )
+from mindstage.ranges import Count, checked
 from mindstage.simulation import Simulation
 
 __all__ = ["PrologConsole", "Solution", "Solutions", "solve_query"]
@@ -136,7 +137,8 @@ class PrologConsole:
         """The requests that Prolog can send to Python."""
         return tuple(EntryPoint(EntryKind.PREDICATE, name, self.policies.get(name)) for name in self.handlers)
 
-    def solutions(self, goal: str, *, limit: int = 1000, timeout_s: float = 30.0) -> Solutions:
+    @checked
+    def solutions(self, goal: str, *, limit: Count = 1000, timeout_s: Deadline = 30.0) -> Solutions:
         """Finds the solutions of a goal, in Prolog's order; empty if it fails. May be called from any thread.
 
         Args:
@@ -151,7 +153,8 @@ class PrologConsole:
         """
         return self._solve("solve", goal, limit, timeout_s)
 
-    def answers(self, query: str, *, limit: int = 1000, timeout_s: float = 10.0) -> Solutions:
+    @checked
+    def answers(self, query: str, *, limit: Count = 1000, timeout_s: Deadline = 10.0) -> Solutions:
         """Finds the solutions of an untrusted query. May be called from any thread.
 
         Only questions and their combinations are allowed (`line_queries.pl`): a query cannot call, change, read or
@@ -169,8 +172,6 @@ class PrologConsole:
         return self._solve("solve_query", query, limit, timeout_s)
 
     def _solve(self, predicate: str, goal: str, limit: int, timeout_s: float) -> Solutions:
-        if limit < 1 or not 0.0 < timeout_s < float("inf"):
-            raise ValueError(f"limit and timeout_s must be positive and finite, not {limit} and {timeout_s} s")
         reading = ReadLimit(max_parts=ANSWER_PARTS.count, deadline_s=time.monotonic() + timeout_s)
         try:
             with _wake_after(timeout_s=timeout_s if self._can_wake else None):
@@ -190,7 +191,8 @@ class PrologConsole:
             case _:
                 raise KeyboardInterrupt
 
-    def holds(self, goal: str, *, timeout_s: float = 30.0) -> bool:
+    @checked
+    def holds(self, goal: str, *, timeout_s: Deadline = 30.0) -> bool:
         """Whether a goal has a solution.
 
         Raises:
@@ -290,7 +292,8 @@ class PrologConsole:
             os._exit(status if isinstance(status, int) else 2)
 
 
-def solve_query(simulation: Simulation, query: str, *, limit: int, timeout_s: float) -> Solutions:
+@checked
+def solve_query(simulation: Simulation, query: str, *, limit: Count, timeout_s: Deadline) -> Solutions:
     """Finds the solutions of an untrusted query; concurrent calls wait for one another.
 
     It uses the open console of the same simulation if there is one, and otherwise a console of its own.

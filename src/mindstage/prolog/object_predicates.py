@@ -35,6 +35,7 @@ from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.knowledge.rdf import local_name, namespace_of
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import FREE, Atom, Compound, Value
+from mindstage.ranges import Time, check_number, declared_range
 from mindstage.scene import (
     AngularLimits,
     Attachment,
@@ -56,6 +57,7 @@ from mindstage.simulation import Marker, MarkerType, Simulation
 __all__ = ["ObjectPredicates"]
 
 
+_TIME = declared_range(Time)
 _SIDE_M = 0.30
 _CENTER_M = 0.20
 _CONTAINMENT_M = 0.05
@@ -258,6 +260,7 @@ class ObjectPredicates:
         """
         if not isinstance(time_s, int | float):
             raise InvalidArgumentError("the time", cause=f"{time_s!r} is no number of seconds since 1970")
+        check_number(time_s, _TIME, "the time")
         if (past := self._observe_episode(float(time_s))) is not None:
             return past.number
         if time_s >= time.time():

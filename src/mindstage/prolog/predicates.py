@@ -19,7 +19,7 @@ from typing import Any
 import msgspec
 
 from mindstage.engines import SpawnReport
-from mindstage.errors import InvalidArgumentError, MindstageError, NameNotFoundError
+from mindstage.errors import InvalidArgumentError, MindstageError, NameNotFoundError, NumberRefusedError
 from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase, RdfTerm
 from mindstage.knowledge.assertion_file import RUNTIME_GRAPH_IRI, Triple, TripleStoreView
@@ -74,7 +74,9 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
         return Compound("answer", (handlers[name](*arguments),))
     except NameNotFoundError as error:
         return Compound("unknown_name", (Atom(error.name), str(error)))
-    except MindstageError as error:
+    except (MindstageError, OverflowError) as error:
+        if isinstance(error, OverflowError):  # Prolog has integers of any size
+            error = NumberRefusedError(name, cause="a number is too large", remedy="give a finite number")
         return _error_term(error_kind(error), str(error))
     except KeyboardInterrupt:
         return Compound("interrupted", ())

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.ranges import Angle, Factor, FieldOfView, Finite, Point, check_fields, checked
 from mindstage.rendering.appearance import BodyAppearance, VisiblePart
 from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.transforms import (
@@ -69,14 +70,17 @@ _WALLS_M = 0.3
 class CameraPose(msgspec.Struct, frozen=True):
     """The pose and field of view of a camera."""
 
-    position: Vector
-    look_at: Vector
-    field_of_view_rad: float
+    position: Point
+    look_at: Point
+    field_of_view_rad: FieldOfView
     """Vertical field of view."""
-    vertical_shift: float = 0.0
+    vertical_shift: Finite = 0.0
     """Shift of the lens: how far the point that the axis of the camera meets is above the center of the picture, as a
     part of its height. A camera whose axis is horizontal keeps vertical edges vertical, and the shift selects the part
     of the scene that is seen."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class ViewFrame:
@@ -149,14 +153,18 @@ class FramingTarget(msgspec.Struct, frozen=True, eq=False):
 
     points: Array
     """Corners of the bodies to show, n x 3 [m]."""
-    azimuth_rad: float
+    azimuth_rad: Angle
     """Direction of the camera from the center, about z."""
-    alignment_rad: float = 0.0
+    alignment_rad: Angle = 0.0
     """Yaw of walls and furniture, modulo 90 degrees."""
     surroundings: Array | None = None
     """Points of the walls behind the bodies, and of what hangs there, n x 3 [m]; None for none."""
 
-    def camera(self, aspect: float = _ASPECT) -> CameraPose:
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    @checked
+    def camera(self, aspect: Factor = _ASPECT) -> CameraPose:
         """Returns the camera pose that shows all points.
 
         Args:
@@ -165,7 +173,8 @@ class FramingTarget(msgspec.Struct, frozen=True, eq=False):
         elevation = _ELEVATION_RAD if aspect >= 1.0 else _UPRIGHT_ELEVATION_RAD
         return _fit_camera(self.points, _view_direction(self.azimuth_rad, elevation), aspect)
 
-    def upright_camera(self, aspect: float = _ASPECT) -> CameraPose:
+    @checked
+    def upright_camera(self, aspect: Factor = _ASPECT) -> CameraPose:
         """Returns a camera pose with a horizontal axis and a shifted lens that shows all points.
 
         Vertical edges are vertical in the picture (two-point perspective), as in photographs of architecture.
@@ -181,7 +190,8 @@ class FramingTarget(msgspec.Struct, frozen=True, eq=False):
         near, far = (float(np.linalg.norm(np.subtract(each.position, center))) for each in (camera, wider))
         return wider if far < _MAX_WIDER * near else camera
 
-    def top_camera(self, aspect: float = _ASPECT) -> CameraPose:
+    @checked
+    def top_camera(self, aspect: Factor = _ASPECT) -> CameraPose:
         """Returns the camera pose from above, with walls parallel to the edges of the window.
 
         Args:

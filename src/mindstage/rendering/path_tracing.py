@@ -17,7 +17,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import Deadline
 from mindstage.errors import InvalidArgumentError, RendererUnavailableError
+from mindstage.ranges import Angle, Count, Finite, NotNegative, PictureSize, Seed, check_fields
 from mindstage.rendering.camera import CameraPose
 from mindstage.rendering.mitsuba_scene import NORMAL_SCALE, MitsubaScene, Sky, luminance, use_mitsuba
 from mindstage.rendering.render_scene import RenderScene
@@ -63,22 +65,25 @@ Progress = Callable[[float], None]
 class PathTracingSettings(msgspec.Struct, frozen=True, kw_only=True):
     """The size and quality of a path-traced picture."""
 
-    size: tuple[int, int] = (1280, 800)
+    size: PictureSize = (1280, 800)
     """Width and height [px]."""
-    samples: int = 16
+    samples: Count = 16
     """Samples per pixel; the largest number if there is a time budget."""
-    seconds: float | None = None
+    seconds: Deadline | None = None
     """Time budget of the passes [s]; at least one pass is rendered. Denoising takes a few seconds more."""
     denoise: bool = True
-    seed: int = 0
-    max_depth: int = 7
+    seed: Seed = 0
+    max_depth: Count = 7
     """Longest light path, in surfaces; glass does not count."""
-    exposure_ev: float = 0.0
+    exposure_ev: Finite = 0.0
     """Added to the automatic exposure, in stops."""
-    exposure: float | None = None
+    exposure: NotNegative | None = None
     """A factor of the radiance instead of the automatic exposure: the pictures of a film share one."""
-    sun_azimuth_rad: float | None = None
+    sun_azimuth_rad: Angle | None = None
     """The direction of the sun, about z; by default to the left of the camera."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class PathTracedPicture(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -206,12 +211,8 @@ def tone_mapped(exposed: Array | NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _check(settings: PathTracingSettings) -> None:
-    if not (min(settings.size) >= 8 and max(settings.size) <= 16384):
+    if min(settings.size) < 8:
         raise InvalidArgumentError("size", cause=f"{settings.size} is out of range", remedy="give 8 to 16384 pixels")
-    if settings.samples < 1:
-        raise InvalidArgumentError("samples", cause=f"{settings.samples} is too few", remedy="give at least 1")
-    if settings.seconds is not None and not settings.seconds > 0.0:
-        raise InvalidArgumentError("seconds", cause=f"{settings.seconds} is no time", remedy="give more than 0")
 
 
 def sun_azimuth(camera: CameraPose) -> float:

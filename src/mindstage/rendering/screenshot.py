@@ -5,20 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
+from mindstage.access.limits import Deadline
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
 from mindstage.knowledge.rdf import local_name
+from mindstage.ranges import Coordinate, Point, check_fields
 from mindstage.rendering.appearance import BodyAppearance, VisiblePart
 from mindstage.rendering.camera import CameraPose, corners, focus_camera, initial_target
-from mindstage.scene import BodyId, Pose, Vector, World
+from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.transforms import pose_array
 
 __all__ = ["DEFAULT_CAMERA", "LabelMode", "Screenshot", "label_texts", "placed_camera", "screenshot_camera"]
 
 
-_MAX_SIZE_PX = 8192
+_Side = Annotated[int, Meta(ge=1, le=8192)]
 """Maximum width and height that browsers can render."""
 DEFAULT_CAMERA = CameraPose((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
 """The camera for an empty scene."""
@@ -44,19 +48,19 @@ class LabelMode(StrEnum):
 class Screenshot:
     """What a screenshot shows, and how it is taken."""
 
-    size: tuple[int, int] = (1280, 800)
+    size: tuple[_Side, _Side] = (1280, 800)
     """Width and height [px]."""
-    position: Vector | None = None
+    position: Point | None = None
     """Position of the camera [m]; without this and `look_at`, the home view."""
-    look_at: Vector | None = None
+    look_at: Point | None = None
     """Point in the center of the picture [m]."""
     from_above: bool = False
     """Whether the camera looks straight down, as on a floor plan."""
     focus: tuple[BodyId, ...] = ()
     """Bodies that the camera frames."""
-    focus_points: tuple[Vector, ...] = ()
+    focus_points: tuple[Point, ...] = ()
     """Points that the camera frames [m]."""
-    clip_height: float | None = None
+    clip_height: Coordinate | None = None
     """Height of the clipping plane: nothing above it is drawn [m]."""
     selected: BodyId | None = None
     """The selected body, whose details are in the panel."""
@@ -67,7 +71,7 @@ class Screenshot:
     """The panel to open, such as "ask"; by default the one that is open initially."""
     browser: str | None = None
     """The browser for pictures of the page, by default one that is found."""
-    timeout_s: float = 180.0
+    timeout_s: Deadline = 180.0
     """Time limit of everything; large worlds are rendered slowly without a GPU [s]."""
 
     @property
@@ -81,9 +85,7 @@ class Screenshot:
         Raises:
             InvalidArgumentError: one of them is invalid.
         """
-        if not all(0 < side <= _MAX_SIZE_PX for side in self.size):
-            cause = f"{self.size[0]} x {self.size[1]} cannot be rendered"
-            raise InvalidArgumentError("a picture's size", cause=cause, remedy=f"each side is 1 to {_MAX_SIZE_PX} px")
+        check_fields(self)
         if self.position is not None and self.position == self.look_at:
             raise InvalidArgumentError(
                 "a picture's view", cause="position and look_at are equal", remedy="give two different points"

@@ -22,10 +22,12 @@ from typing import Any, Protocol, TypeVar
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import Timeout
 from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import ActuatorMode, ActuatorState, Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
+from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
@@ -304,7 +306,8 @@ class Robot:
         left = np.array([-forward[1], forward[0]])
         return Odometry(x=x, y=y, yaw=yaw, vx=float(velocity @ forward), vy=float(velocity @ left), wz=float(wz))
 
-    def set_base_pose(self, x: float, y: float, yaw: float) -> None:
+    @checked
+    def set_base_pose(self, x: Coordinate, y: Coordinate, yaw: Angle) -> None:
         """Puts the base at another place at once, at rest: x, y [m] and yaw [rad] of the base link in the world frame.
 
         Raises:
@@ -316,13 +319,14 @@ class Robot:
 
     # -- goals ---------------------------------------------------------------------------------------------
 
+    @checked
     def start_trajectory(
         self,
         trajectory: JointTrajectory,
         *,
-        tolerance: Mapping[str, float] | float | None = None,
-        path_tolerance: Mapping[str, float] | float | None = None,
-        goal_time_tolerance_s: float = 2.0,
+        tolerance: Mapping[str, NotNegative] | NotNegative | None = None,
+        path_tolerance: Mapping[str, NotNegative] | NotNegative | None = None,
+        goal_time_tolerance_s: Timeout = 2.0,
     ) -> MotionGoal:
         """Starts to move joints along a trajectory, which replaces other motions of these joints.
 
@@ -350,7 +354,8 @@ class Robot:
             "start trajectory",
         )
 
-    def start_gripping(self, gripper: str, opening_m: float, *, max_force_n: float | None = None) -> MotionGoal:
+    @checked
+    def start_gripping(self, gripper: str, opening_m: Finite, *, max_force_n: NotNegative | None = None) -> MotionGoal:
         """Starts to open or close a gripper.
 
         Closing succeeds if the fingers are stopped by something between them, which they then hold with that force.
@@ -369,7 +374,8 @@ class Robot:
             "start gripping",
         )
 
-    def start_driving(self, path: Sequence[tuple[float, float, float]], *, speed: float = 1.0) -> MotionGoal:
+    @checked
+    def start_driving(self, path: Sequence[tuple[Finite, Finite, Finite]], *, speed: Factor = 1.0) -> MotionGoal:
         """Starts to drive the base along poses of the base link in the world frame: x, y [m], yaw [rad].
 
         A differential base turns to where it drives, and at the end to the last yaw; the others are ignored.
@@ -383,7 +389,8 @@ class Robot:
         """
         return self._start(lambda engine: self.controller.start_driving(engine, path, speed=speed), "start driving")
 
-    def drive(self, vx: float, vy: float = 0.0, wz: float = 0.0) -> MotionGoal:
+    @checked
+    def drive(self, vx: Finite, vy: Finite = 0.0, wz: Finite = 0.0) -> MotionGoal:
         """Drives the base with a velocity for at most 0.5 s of simulated time; call it again to go on.
 
         Args:
@@ -399,7 +406,8 @@ class Robot:
         """
         return self._start(lambda engine: self.controller.drive(engine, (vx, vy, wz)), "drive")
 
-    def point_head(self, pan: float | None = None, tilt: float | None = None) -> MotionGoal:
+    @checked
+    def point_head(self, pan: Angle | None = None, tilt: Angle | None = None) -> MotionGoal:
         """Starts to turn the head to a pan and a tilt [rad]; None leaves a joint as it is.
 
         Raises:
@@ -413,7 +421,8 @@ class Robot:
             )
         return self.start_trajectory(self.trajectory_to(wanted))
 
-    def trajectory_to(self, positions: Mapping[str, float], *, speed: float = 0.8) -> JointTrajectory:
+    @checked
+    def trajectory_to(self, positions: Mapping[str, Finite], *, speed: Factor = 0.8) -> JointTrajectory:
         """The straight trajectory in joint space from the current state, without regard to obstacles.
 
         Args:
@@ -446,13 +455,14 @@ class Robot:
 
     # -- motions -------------------------------------------------------------------------------------------
 
+    @checked
     def following(
         self,
         trajectory: JointTrajectory,
         *,
-        tolerance: Mapping[str, float] | float | None = None,
-        path_tolerance: Mapping[str, float] | float | None = None,
-        goal_time_tolerance_s: float = 2.0,
+        tolerance: Mapping[str, NotNegative] | NotNegative | None = None,
+        path_tolerance: Mapping[str, NotNegative] | NotNegative | None = None,
+        goal_time_tolerance_s: Timeout = 2.0,
     ) -> Generator[float, None, MotionResult]:
         """Moves joints along a trajectory; see `start_trajectory`. Yields the times by which the caller steps [s]."""
         goal = self.start_trajectory(
@@ -463,18 +473,23 @@ class Robot:
         )
         return (yield from self.waiting(goal))
 
-    def moving_to(self, positions: Mapping[str, float], *, speed: float = 0.8) -> Generator[float, None, MotionResult]:
+    @checked
+    def moving_to(
+        self, positions: Mapping[str, Finite], *, speed: Factor = 0.8
+    ) -> Generator[float, None, MotionResult]:
         """Moves joints straight to positions [m or rad], without regard to obstacles; see `trajectory_to`."""
         return (yield from self.following(self.trajectory_to(positions, speed=speed)))
 
+    @checked
     def gripping(
-        self, gripper: str, opening_m: float, *, max_force_n: float | None = None
+        self, gripper: str, opening_m: Finite, *, max_force_n: NotNegative | None = None
     ) -> Generator[float, None, MotionResult]:
         """Opens or closes a gripper; see `start_gripping`."""
         return (yield from self.waiting(self.start_gripping(gripper, opening_m, max_force_n=max_force_n)))
 
+    @checked
     def driving(
-        self, path: Sequence[tuple[float, float, float]], *, speed: float = 1.0
+        self, path: Sequence[tuple[Finite, Finite, Finite]], *, speed: Factor = 1.0
     ) -> Generator[float, None, MotionResult]:
         """Drives the base along poses in the world frame; see `start_driving`."""
         return (yield from self.waiting(self.start_driving(path, speed=speed)))
@@ -489,7 +504,8 @@ class Robot:
             if goal.result is None:
                 goal.cancel()
 
-    def run(self, motion: Generator[float, None, T], *, timeout_s: float = 600.0) -> T:
+    @checked
+    def run(self, motion: Generator[float, None, T], *, timeout_s: Timeout = 600.0) -> T:
         """Steps the simulation until a motion has ended, and returns its result.
 
         While the simulation plays in real time, it waits for the simulated time to pass instead.

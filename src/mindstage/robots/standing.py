@@ -7,6 +7,7 @@ import os
 from typing import Protocol
 
 from mindstage.errors import CommandRefusedError
+from mindstage.ranges import Coordinate, checked
 from mindstage.robots.model import RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
@@ -36,12 +37,13 @@ class RobotStage(Protocol):
         """Spawns a robot with its drives."""
 
 
+@checked
 def add_standing_robot(
     stage: RobotStage,
     source: str | os.PathLike[str] | RobotModel,
-    place: tuple[float, float, float] | None = None,
+    place: tuple[Coordinate, Coordinate, Coordinate] | None = None,
     *,
-    near: tuple[float, float] | None = None,
+    near: tuple[Coordinate, Coordinate] | None = None,
     name: str = "",
     xacro: bool | None = False,
 ) -> Robot:

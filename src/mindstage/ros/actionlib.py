@@ -27,7 +27,7 @@ from mindstage.msgs import (
 )
 from mindstage.msgs import actionlib_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
-from mindstage.ros.service import EndedGoal
+from mindstage.ros.service import EndedGoal, decode_request
 
 __all__ = ["ActionlibServer"]
 
@@ -139,7 +139,7 @@ class ActionlibServer:
 
     def _on_goal(self, message: object, sender: MessageSender | None) -> None:
         try:
-            request: Any = decode(self._goal_type, message)
+            request: Any = decode_request(self._goal_type, message)
         except MindstageError as error:
             self._reject_goal(_goal_id(message), str(error))
             return

@@ -16,10 +16,17 @@ from mindstage.access.limits import MASTER_TIME
 from mindstage.access.policies import Policy
 from mindstage.bridge import LocalNode, Node, RosbridgeClient, Subscription
 from mindstage.errors import MindstageError
-from mindstage.msgs import Message, RosVersion, decode, message_types, type_name
+from mindstage.msgs import Message, RosVersion, message_types, type_name
 from mindstage.ros.actionlib import ActionlibServer
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
-from mindstage.ros.service import ActionSpec, ServiceSpec, action_handler, batch_handler, service_handler
+from mindstage.ros.service import (
+    ActionSpec,
+    ServiceSpec,
+    action_handler,
+    batch_handler,
+    decode_request,
+    service_handler,
+)
 from mindstage.simulation.observation import as_client
 
 __all__ = ["Endpoints"]
@@ -144,7 +151,7 @@ class Endpoints:
 
         def decode_and_handle(message: Any) -> None:
             is_other = is_open and isinstance(message, dict) and not message.keys() <= set(type.__struct_fields__)
-            handler(decode(other if is_other else type, message))
+            handler(decode_request(other if is_other else type, message))
 
         expected = None if is_open else type_name(type, self.ros)
         self._subscriptions.append(self._node.subscribe(topic, on_message, type=expected, policy=policy))

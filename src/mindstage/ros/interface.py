@@ -9,17 +9,21 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import msgspec
 
+from mindstage.access.fair_queue import current_caller
+from mindstage.access.limits import Timeout
 from mindstage.access.policies import EDIT, QUERY
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient
 from mindstage.errors import MessageValidationError, MindstageError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
 from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, visualization_msgs
+from mindstage.ranges import TimeStep, checked
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.endpoints import Endpoints
 from mindstage.ros.engine_services import EngineServices, RecordingServices
@@ -31,7 +35,7 @@ from mindstage.ros.robot_description import DescriptionPublisher
 from mindstage.ros.robot_interface import RobotInterfaces
 from mindstage.ros.robot_skills import ROBOT_SUFFIXES, RobotSkills
 from mindstage.ros.rosapi import ParameterServer, RosapiServices
-from mindstage.ros.service import ServiceSpec, names_elsewhere
+from mindstage.ros.service import ServiceSpec, mapped, names_elsewhere
 from mindstage.ros.simulation_interfaces import EntityServices, ResourceLoader, SpawnServices
 from mindstage.ros.simulation_interfaces_control import SimulationControlServices, WorldServices
 from mindstage.ros.state import StateReader
@@ -39,6 +43,7 @@ from mindstage.ros.unreal_vis import UnrealVisServices
 from mindstage.ros.world_control import WorldControlServices
 from mindstage.scene.display import counted
 from mindstage.simulation import ConnectedClient, Simulation
+from mindstage.simulation.question_pool import PooledAnswers, QuestionPool
 
 __all__ = ["QuestionServices", "RosInterface", "connected_clients"]
 
@@ -82,6 +87,7 @@ class QuestionServices:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
+        self._pool = QuestionPool.of(simulation)
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
@@ -92,16 +98,21 @@ class QuestionServices:
             name = f"{_QUESTION_NAMESPACE}/{question.name}"
             yield ServiceSpec(mindstage_msgs.Ask, self._question_handler(question.name), QUERY, name=name)
 
-    def handle_ask(self, request: mindstage_msgs.Ask.Request) -> mindstage_msgs.Ask.Response:
+    def handle_ask(
+        self, request: mindstage_msgs.Ask.Request
+    ) -> mindstage_msgs.Ask.Response | Future[mindstage_msgs.Ask.Response]:
         """Answers any question; an empty answer is a success."""
-        answers = self._simulation.ask(request.question, **parse_arguments(request.args))
-        rows = answers_to_builtins(self._simulation.knowledge, answers)
-        return mindstage_msgs.Ask.Response(success=True, answers=msgspec.json.encode(rows).decode())
+        question, args = request.question, parse_arguments(request.args)
+        if self._pool.accepts(question, args):
+            asked = self._pool.submit(question, args, client=current_caller())
+            return mapped(asked.result, _pooled_response)
+        answers = self._simulation.ask(question, **args)
+        return _ask_response(msgspec.json.encode(answers_to_builtins(self._simulation.knowledge, answers)))
 
-    def _question_handler(self, name: str) -> Callable[[mindstage_msgs.Ask.Request], mindstage_msgs.Ask.Response]:
+    def _question_handler(self, name: str) -> Callable[[mindstage_msgs.Ask.Request], Any]:
         """Returns the handler of the service of one question, whose name may be left out of the request."""
 
-        def handle(request: mindstage_msgs.Ask.Request) -> mindstage_msgs.Ask.Response:
+        def handle(request: mindstage_msgs.Ask.Request) -> object:
             if request.question.replace("-", "_") not in {"", name}:
                 cause = f"this service is for {name}, not {request.question}"
                 raise MessageValidationError(
@@ -112,6 +123,15 @@ class QuestionServices:
         return handle
 
 
+def _pooled_response(done: Future[PooledAnswers]) -> mindstage_msgs.Ask.Response:
+    found = done.result()
+    return _ask_response(found.json if found.state is None else found.json_with(state=found.state))
+
+
+def _ask_response(answers: bytes) -> mindstage_msgs.Ask.Response:
+    return mindstage_msgs.Ask.Response(success=True, answers=answers.decode())
+
+
 class _ServiceGroup(Protocol):
     def services(self) -> Iterator[ServiceSpec]: ...
 
@@ -119,6 +139,7 @@ class _ServiceGroup(Protocol):
 class RosInterface:
     """Offers its services, topics and actions until `close`; the simulation and the node are not closed."""
 
+    @checked
     def __init__(
         self,
         simulation: Simulation,
@@ -127,8 +148,8 @@ class RosInterface:
         namespace: str = "unreal",
         ros: RosVersion = RosVersion.TWO,
         rates: PublishRates | None = None,
-        step_s: float = 0.002,
-        goal_timeout_s: float = 3600.0,
+        step_s: TimeStep = 0.002,
+        goal_timeout_s: Timeout = 3600.0,
         folder: Path | None = None,
         episodes: Path | None = None,
         on_quit: Callable[[], object] | None = None,

@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from mindstage.access.limits import PUBLISH_RATE
+from mindstage.access.limits import Rate
 from mindstage.bridge import Node
 from mindstage.bridge.conversions import color_from_message, color_message
 from mindstage.engines import Capability, PoseArray
@@ -35,6 +35,7 @@ from mindstage.msgs import (
     tf2_msgs,
     visualization_msgs,
 )
+from mindstage.ranges import check_fields
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher, health_status
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms
 from mindstage.ros.state import StateReader
@@ -205,13 +206,16 @@ def _color(body: Body | None) -> Color:
 class PublishRates(msgspec.Struct, frozen=True, kw_only=True):
     """Rate of each topic while the simulation is playing [Hz]; 0 disables it."""
 
-    clock: float = 30.0
-    tf: float = 30.0
-    joint_states: float = 30.0
-    robots: float = 50.0
+    clock: Rate = 30.0
+    tf: Rate = 30.0
+    joint_states: Rate = 30.0
+    robots: Rate = 50.0
     """Joint states, odometry and the states of controllers of robots."""
-    markers: float = 5.0
-    health: float = 1.0
+    markers: Rate = 5.0
+    health: Rate = 1.0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 @dataclass(slots=True)
@@ -272,8 +276,6 @@ class StatePublisher:
             (rates.robots, publish_robots),
             (rates.markers, self._publish_markers),
         )
-        for rate in msgspec.structs.astuple(rates):
-            PUBLISH_RATE.check(rate)
         self._tasks = [_PeriodicTask(1.0 / rate, publish) for rate, publish in topics if rate > 0.0]
         self._tick_interval_s = 1.0 / rates.health if rates.health > 0.0 else None
         self._closing = threading.Event()

@@ -12,6 +12,7 @@ import logging
 import secrets
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, ClassVar
@@ -19,6 +20,7 @@ from weakref import WeakKeyDictionary
 
 import msgspec
 
+from mindstage.access.fair_queue import current_caller
 from mindstage.access.limits import DEFAULT_SOLUTIONS, QUERY_CHARACTERS, QUERY_DEFAULT_TIME, QUERY_TIME, SOLUTIONS
 from mindstage.access.policies import QUERY, EntryPoint
 from mindstage.bridge import LocalNode, RosbridgeServer
@@ -29,10 +31,11 @@ from mindstage.knowledge.rdf import findings_to_builtins, local_name
 from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, type_name
 from mindstage.prolog import solve_query
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
-from mindstage.ros.service import ServiceSpec, service_handler
+from mindstage.ros.service import ServiceSpec, mapped, service_handler
 from mindstage.run_records import HOST, QUERY_SERVICE, RunRecord
 from mindstage.scene.colors import NO_COLOR, color_name, parse_color
 from mindstage.simulation import Simulation
+from mindstage.simulation.question_pool import PooledAnswers, QuestionPool
 
 __all__ = ["QueryServer", "QueryServices", "parse_arguments"]
 
@@ -45,13 +48,16 @@ class QueryServices:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
+        self._pool = QuestionPool.of(simulation)
 
     def services(self) -> Iterator[ServiceSpec]:
         """Yields the service under its absolute name and under its name in the namespace."""
         for name in (f"/{QUERY_SERVICE}", QUERY_SERVICE):
             yield ServiceSpec(mindstage_msgs.Query, self.handle_query, QUERY, name=name)
 
-    def handle_query(self, request: mindstage_msgs.Query.Request) -> mindstage_msgs.Query.Response:
+    def handle_query(
+        self, request: mindstage_msgs.Query.Request
+    ) -> mindstage_msgs.Query.Response | Future[mindstage_msgs.Query.Response]:
         """Runs a query; no answer is a success.
 
         Raises:
@@ -66,6 +72,10 @@ class QueryServices:
         )
         match request.language:
             case "question":
+                args = parse_arguments(request.args)
+                if not request.highlight and not request.explain and self._pool.accepts(request.query, args):
+                    asked = self._pool.submit(request.query, args, client=current_caller())
+                    return mapped(asked.result, self._pooled_response)
                 result = self._ask(request)
             case "sparql":
                 when = _time_of(request)
@@ -92,8 +102,14 @@ class QueryServices:
                 "lit": [] if color is None else list(highlighted.highlighted),
                 "not_lit": msgspec.to_builtins(highlighted.unhighlighted),
             }
-        assumptions = [msgspec.to_builtins(each) for each in knowledge.assumptions()]
-        return result | {"assumptions": assumptions} | self._findings()
+        return result | self._assumptions() | self._findings()
+
+    def _pooled_response(self, done: Future[PooledAnswers]) -> mindstage_msgs.Query.Response:
+        json = done.result().json_with(**self._assumptions(), **self._findings())
+        return mindstage_msgs.Query.Response(success=True, answers=json.decode())
+
+    def _assumptions(self) -> dict[str, object]:
+        return {"assumptions": [msgspec.to_builtins(each) for each in self._simulation.knowledge.assumptions()]}
 
     def _findings(self) -> dict[str, object]:
         """The problems that were found in the maps, as in the output of the shell."""

@@ -14,10 +14,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
+from typing import Any, TypeVar
 
 from mindstage.access.limits import NAMES_TIME
 from mindstage.access.policies import Policy
@@ -30,6 +32,7 @@ from mindstage.errors import (
     BridgeError,
     EngineError,
     FailureResponseError,
+    MessageValidationError,
     MindstageError,
     SimulationTimeoutError,
     WorldError,
@@ -41,12 +44,15 @@ from mindstage.msgs import (
     Service,
     decode_arguments,
     encode,
+    geometry_msgs,
     mindstage_msgs,
     simulation_interfaces,
     snake_case,
     type_name,
     visualization_msgs,
 )
+from mindstage.msgs.base import fields_of, struct_of
+from mindstage.ranges import Component, Coordinate, Range, RotationQuaternion, declared_range
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.simulation.observation import as_client
 
@@ -62,8 +68,10 @@ __all__ = [
     "ServiceSpec",
     "action_handler",
     "batch_handler",
+    "decode_request",
     "failed",
     "failure_response",
+    "mapped",
     "names_elsewhere",
     "refusal_response",
     "service_handler",
@@ -71,6 +79,9 @@ __all__ = [
 ]
 
 
+M = TypeVar("M", bound=Message)
+T = TypeVar("T")
+R = TypeVar("R")
 OK = simulation_interfaces.Result(result=simulation_interfaces.ResultCode.RESULT_OK)
 FEEDBACK_INTERVAL_S = 0.4
 """Longest time between two feedback messages [s]."""
@@ -108,16 +119,55 @@ def service_handler(
 
     def handle(args: object) -> object:
         request = None
-        try:
-            request = decode_arguments(service.Request, args)
+
+        def call() -> Any:
+            nonlocal request
+            request = decode_request(service.Request, args)
             with as_client(f"ROS: {name}"):
-                response = handler(request)
-        except (MindstageError, ResultError) as error:
-            failure = encode(failure_to_response(error, request), ros=ros)
-            return values_without_paths(failure, given=repr(request))
-        return encode(response, ros=ros)
+                return handler(request)
+
+        def encoded(get_response: Callable[[], Any]) -> object:
+            try:
+                response = get_response()
+            except (MindstageError, ResultError) as error:
+                failure = encode(failure_to_response(error, request), ros=ros)
+                return values_without_paths(failure, given=repr(request))
+            if isinstance(response, Future):
+                return mapped(response, lambda done: encoded(done.result))
+            return encode(response, ros=ros)
+
+        return encoded(call)
 
     return handle
+
+
+class _MappedFuture(Future[R]):
+    def __init__(self, source: Future[Any]) -> None:
+        super().__init__()
+        self._source = source
+
+    def cancel(self) -> bool:
+        return self._source.cancel()
+
+
+def mapped(future: Future[T], function: Callable[[Future[T]], R]) -> Future[R]:
+    """A future of what a function makes of another one when that has ended, in the thread that ends it.
+
+    Canceling it cancels the other one.
+    """
+    result: _MappedFuture[R] = _MappedFuture(future)
+
+    def end(done: Future[T]) -> None:
+        if done.cancelled():
+            Future.cancel(result)
+            return
+        try:
+            result.set_result(function(done))
+        except Exception as error:
+            result.set_exception(error)
+
+    future.add_done_callback(end)
+    return result
 
 
 def batch_handler(
@@ -144,7 +194,7 @@ def batch_handler(
         requests: list[Any] = []
         for args in calls:
             try:
-                requests.append(decode_arguments(service.Request, args))
+                requests.append(decode_request(service.Request, args))
             except MindstageError as error:
                 requests.append(error)
         valid = [request for request in requests if not isinstance(request, Exception)]
@@ -154,6 +204,54 @@ def batch_handler(
         return [encode_result(*each) for each in zip(answers, requests, strict=True)]
 
     return handle
+
+
+def decode_request(cls: type[M], args: object) -> M:
+    """Decodes a request, a goal or a message from a client, and checks the coordinates in it.
+
+    Their types are those of ROS, which have every float64; published messages are not checked, since bodies may be
+    anywhere.
+
+    Raises:
+        MessageValidationError: it is not of that type, or a coordinate is beyond its range.
+    """
+    request = decode_arguments(cls, args)
+    for path, message in _geometry_in(request, ""):
+        range = _RANGES[type(message)]
+        for name in message.__struct_fields__:
+            if (value := getattr(message, name)) not in range:
+                cause = f"{value:g} is not {range.text}"
+                raise MessageValidationError(type_name(cls), path=f"{path}{name}", cause=cause)
+    return request
+
+
+_RANGES: Mapping[type[Message], Range] = {
+    geometry_msgs.Point: declared_range(Coordinate),
+    geometry_msgs.Quaternion: declared_range(RotationQuaternion),
+    geometry_msgs.Vector3: declared_range(Component),
+}
+
+
+def _geometry_in(message: Message, path: str) -> Iterator[tuple[str, Message]]:
+    """The points, rotations and vectors in a message, with the begin of the paths of their fields."""
+    if type(message) in _RANGES:
+        yield path, message
+        return
+    for name in _fields_with_geometry(type(message)):
+        value = getattr(message, name)
+        parts = enumerate(value) if isinstance(value, list | tuple) else ((None, value),)
+        for at, part in parts:
+            yield from _geometry_in(part, f"{path}{name}." if at is None else f"{path}{name}[{at}].")
+
+
+@cache
+def _fields_with_geometry(cls: Any) -> tuple[str, ...]:
+    found = zip(struct_of(cls).__struct_fields__, fields_of(cls), strict=True)
+    return tuple(name for name, field in found if field.message and _has_geometry(field.message))
+
+
+def _has_geometry(cls: Any) -> bool:
+    return struct_of(cls) in _RANGES or bool(_fields_with_geometry(struct_of(cls)))
 
 
 def _error_mapping(
@@ -392,7 +490,7 @@ class ServiceSpec:
 
     type: type[Service]
     handler: Callable[[Any], Any]
-    """Called with the request, returns the response; see the module for its exceptions."""
+    """Called with the request, returns the response, or a future of it; see the module for its exceptions."""
     policy: Policy
     name: str = ""
     """Relative to the namespace, or absolute if it begins with a slash; by default the type in snake case."""
@@ -442,7 +540,7 @@ def action_handler(
     """
 
     def handle(goal: ServerGoalHandle) -> GoalResult:
-        request = decode_arguments(spec.type.Goal, goal.args)
+        request = decode_request(spec.type.Goal, goal.args)
         context = GoalContext(
             name,
             timeout_s=timeout_s,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,18 +205,14 @@ class ShapeScene:
         poses, sizes = [body_poses[simple]], [np.maximum(extents, MIN_THICKNESS_M)]
         types = [SHAPE_TYPES.index(primitive_collision_type(kept[at])) for at in simple]
         owners, hulls = [rows[kept[at].id] for at in simple], dict[int, _HullPlanes]()
-        planes = dict[tuple[CompiledGeometry, int], _HullPlanes | None]()
         body_pose, own_poses = list[int](), [np.zeros((0, 7))]
         for at_body, body in enumerate(kept):
             own = geometry.get(body.id)
             compiled = compile_geometry(own.collision_shapes) if own is not None else None
             if compiled is None or not len(compiled.shapes):
                 continue
-            for at, points, _ in compiled.hulls:
-                key = (compiled, at)
-                if key not in planes:
-                    planes[key] = _hull_planes(points)
-                if (found := planes[key]) is not None:
+            for number, (at, *_) in enumerate(compiled.hulls):
+                if (found := _hull_planes(compiled, number)) is not None:
                     hulls[len(owners) + at] = found
             body_pose += [at_body] * len(compiled.shapes)
             own_poses.append(compiled.poses)
@@ -500,8 +497,9 @@ class ShapeScene:
         return height
 
 
-def _hull_planes(points: Array) -> _HullPlanes | None:
-    hull = convex_hull(points)
+@lru_cache(maxsize=4096)
+def _hull_planes(geometry: CompiledGeometry, number: int) -> _HullPlanes | None:
+    hull = convex_hull(geometry.hulls[number][1])
     if hull is None:
         return None
     return _HullPlanes(hull.normals, (hull.normals * hull.points[hull.faces[:, 0]]).sum(axis=1))

@@ -27,6 +27,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from mindstage.ranges import NotNegative, checked
 from mindstage.scene.blank_node_matching import (
     Statement,
     StatementCanonicalizer,
@@ -521,7 +522,8 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
                 largest[change.kind] = max(largest[change.kind], change.error)
         return largest
 
-    def identical(self, tolerance: float = 0.0, *, kinds: Container[ChangeKind] | None = None) -> bool:
+    @checked
+    def identical(self, tolerance: NotNegative = 0.0, *, kinds: Container[ChangeKind] | None = None) -> bool:
         """Returns whether the worlds are equal within a tolerance.
 
         Differences without an error always count: a lost fact, another parent, a missing mass.
@@ -535,8 +537,9 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         """
         return not (self.only_in_a or self.only_in_b or self.exceeding(tolerance, kinds=kinds))
 
+    @checked
     def exceeding(
-        self, tolerance: float = 0.0, *, kinds: Container[ChangeKind] | None = None
+        self, tolerance: NotNegative = 0.0, *, kinds: Container[ChangeKind] | None = None
     ) -> tuple[FieldChange, ...]:
         """Returns the changes that exceed a tolerance; see `identical` for the arguments.
 
@@ -596,7 +599,8 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         """Returns the changes by decreasing error, those without an error first."""
         return sorted(self.changed, key=lambda change: (change.error is not None, -(change.error or 0.0), change.id))
 
-    def to_builtins(self, delta: float = 0.0) -> dict[str, Any]:
+    @checked
+    def to_builtins(self, delta: NotNegative = 0.0) -> dict[str, Any]:
         """Returns the output of `mindstage compare --json` as dicts, lists, strings and numbers.
 
         Facts are lines of text; non-finite numbers are the strings "nan", "inf" and "-inf".
@@ -616,7 +620,8 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
             "gained": _statement_rows(self.gained),
         }
 
-    def to_json(self, delta: float = 0.0) -> str:
+    @checked
+    def to_json(self, delta: NotNegative = 0.0) -> str:
         """Returns `to_builtins` as JSON text."""
         return msgspec.json.encode(self.to_builtins(delta)).decode()
 

@@ -14,13 +14,14 @@ from typing import Any
 
 import msgspec
 
-from mindstage.access.limits import MARKER_LIFETIME
+from mindstage.access.limits import Lifetime
 from mindstage.engines.base import Engine
 from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries import AnswerRow, Answers
 from mindstage.knowledge.rdf import local_name
-from mindstage.scene import IDENTITY, BodyId, Color, Pose, Vector
+from mindstage.ranges import Fraction, Point, Size, check_fields, checked
+from mindstage.scene import IDENTITY, BodyId, Color, Pose
 
 __all__ = [
     "HighlightGroup",
@@ -65,18 +66,21 @@ class Marker(msgspec.Struct, frozen=True, kw_only=True):
     type: MarkerType
     pose: Pose = IDENTITY
     """In the world frame; `points` are relative to it."""
-    size: Vector = (0.1, 0.1, 0.1)
+    size: Size = (0.1, 0.1, 0.1)
     """Extents along its own axes [m]; of lines and points, the first is the width."""
     color: Color = (1.0, 1.0, 1.0)
-    opacity: float = 1.0
+    opacity: Fraction = 1.0
     """From 0 (transparent) to 1."""
-    points: tuple[Vector, ...] = ()
+    points: tuple[Point, ...] = ()
     """Of lines and points, in the frame of `pose` [m]."""
     colors: tuple[Color, ...] = ()
     """One per point, or empty; interpolated along lines."""
     text: str = ""
     body: str = ""
     """The id of the body that a `BODY_COPY` copies."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class MarkerStore:
@@ -94,14 +98,13 @@ class MarkerStore:
         self._expiry_times: dict[str, float] = {}
         self._now = now
 
-    def add(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
+    @checked
+    def add(self, markers: Iterable[Marker], *, lifetime_s: Lifetime | None = None) -> None:
         """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed.
 
         Raises:
             InvalidArgumentError: the lifetime is out of range; nothing was added.
         """
-        if lifetime_s is not None:
-            MARKER_LIFETIME.check(lifetime_s)
         for marker in markers:
             self._by_id[marker.id] = marker
             self._expiry_times.pop(marker.id, None)

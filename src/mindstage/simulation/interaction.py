@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from mindstage.engines.base import Engine, PoseArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES, joint_coordinates, movable_axes, pose_from_joint_coordinates
+from mindstage.ranges import Finite, checked
 from mindstage.scene import Body, BodyId, Joint, Pose, Vector, World
 from mindstage.scene.kinematics import axis_ranges
 from mindstage.scene.transforms import (
@@ -218,11 +219,13 @@ class JointHandle:
         coordinates = joint_coordinates(self._relative_joint_frame(poses), self._movable_axes)
         return {AXIS_NAMES[axis.index]: float(coordinates[axis.index]) for axis in self._movable_axes}
 
-    def pose_for(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> Pose:
+    @checked
+    def pose_for(self, axis: str, value: Finite, poses: Mapping[BodyId, Array]) -> Pose:
         """The pose of the moving body with one axis at a value [m or rad], and the others unchanged."""
         return pose_from_array(self._pose_array_at(axis, value, poses))
 
-    def pull_target(self, axis: str, value: float, poses: Mapping[BodyId, Array]) -> PullTarget:
+    @checked
+    def pull_target(self, axis: str, value: Finite, poses: Mapping[BodyId, Array]) -> PullTarget:
         """The pull that moves one axis to a value [m or rad], at the side far from a hinge, or at the center."""
         goal = self._pose_array_at(axis, value, poses)
         if axis not in self._held_points:

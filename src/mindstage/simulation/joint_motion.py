@@ -14,10 +14,11 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from mindstage.access.limits import MOTION_TIMEOUT
+from mindstage.access.limits import MotionTimeout
 from mindstage.engines.base import Capability
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
+from mindstage.ranges import Finite, Fraction, NotNegative, checked
 from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.placement import PlacementSampler
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
@@ -123,7 +124,8 @@ class SimulationJoint:
         """
         return self._joint.positions(self._poses())[self._axis.name] + self._zero
 
-    def pose_at(self, position: float) -> Pose:
+    @checked
+    def pose_at(self, position: Finite) -> Pose:
         """The pose of `body` at a position [m or rad]."""
         return self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
 
@@ -167,18 +169,18 @@ class SimulationJoint:
             whole = self.open_position - self.closed_position
         return min(1.0, abs(offset / whole))
 
-    def position_at(self, fraction: float) -> float:
+    @checked
+    def position_at(self, fraction: Fraction) -> float:
         """The position in which it is open by a fraction, from 0 (closed) to 1 [m or rad].
 
         Raises:
             InvalidArgumentError: the fraction is out of range, or the joint has no limits.
         """
-        if not 0.0 <= fraction <= 1.0:
-            raise InvalidArgumentError(self.id, cause=f"it cannot be open by {fraction}", remedy="give 0 to 1")
         closed = self.closed_position
         return closed + fraction * (self.open_position - closed)
 
-    def open(self, fraction: float = 1.0, *, timeout_s: float = 10.0) -> JointMotion:
+    @checked
+    def open(self, fraction: Fraction = 1.0, *, timeout_s: MotionTimeout = 10.0) -> JointMotion:
         """Opens it, fully or to a fraction of its range.
 
         Args:
@@ -190,11 +192,15 @@ class SimulationJoint:
         """
         return self.move_to(self.position_at(fraction), timeout_s=timeout_s)
 
-    def close(self, *, timeout_s: float = 10.0) -> JointMotion:
+    @checked
+    def close(self, *, timeout_s: MotionTimeout = 10.0) -> JointMotion:
         """Moves it to `closed_position`; see `move_to`."""
         return self.move_to(self.closed_position, timeout_s=timeout_s)
 
-    def move_to(self, position: float, *, timeout_s: float = 10.0, tolerance: float | None = None) -> JointMotion:
+    @checked
+    def move_to(
+        self, position: Finite, *, timeout_s: MotionTimeout = 10.0, tolerance: NotNegative | None = None
+    ) -> JointMotion:
         """Moves it to a position; returns when it is at rest there, or after the timeout.
 
         In an engine that simulates joints, a dynamic body is pulled with the force of an arm while simulated time
@@ -219,11 +225,11 @@ class SimulationJoint:
                 return moved
             self._simulation.step(duration_s)
 
+    @checked
     def moving_to(
-        self, position: float, *, timeout_s: float = 10.0, tolerance: float | None = None
+        self, position: Finite, *, timeout_s: MotionTimeout = 10.0, tolerance: NotNegative | None = None
     ) -> Generator[float, None, JointMotion]:
         """`move_to` for callers that step the simulation themselves: yields the times [s] by which they have to."""
-        MOTION_TIMEOUT.check(timeout_s)
         low, high = self.range
         if not low - _MIN_RANGE <= position <= high + _MIN_RANGE:
             cause = f"the position {position:g} is out of range"

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
 import msgspec
 from msgspec.structs import replace
 
-from mindstage.access.limits import CALL_TIMEOUT, SPEED, STEP_DURATION
+from mindstage.access.limits import Duration, Lifetime, Speed, Timeout
 from mindstage.engines import is_remote
 from mindstage.engines.base import (
     Capability,
@@ -48,7 +48,8 @@ from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
 from mindstage.lazy_names import registered_function
-from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
+from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
+from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, fault_error, find_robot
@@ -121,12 +122,13 @@ _PAUSE_WAIT_S = 0.15
 class Simulation:
     """Spawns worlds of a knowledge base into an engine, simulates them, and answers questions about their state."""
 
+    @checked
     def __init__(
         self,
         knowledge: KnowledgeBase,
         engine: Engine,
         *,
-        timeout_s: float = 10.0,
+        timeout_s: Timeout = 10.0,
         shapes: bool = True,
         meshes: MeshProvider | None = None,
         threaded: bool = True,
@@ -143,7 +145,7 @@ class Simulation:
                 which must always be the same, and the simulation cannot play in real time.
         """
         self.knowledge = knowledge
-        self.timeout_s = CALL_TIMEOUT.check(timeout_s)
+        self.timeout_s = timeout_s
         self.clients = ClientDirectory()
         self.undo_stack = UndoStack(self)
         self._longest_part_s: float = _STEP_CHUNK_S
@@ -240,6 +242,7 @@ class Simulation:
         """Dynamic bodies that were spawned as static ones, since they cannot be loose."""
         return self._geometry_provider.immovable
 
+    @checked
     def spawn(
         self,
         world: World | str | None = None,
@@ -249,7 +252,7 @@ class Simulation:
         ground: bool = True,
         check_rest: bool = False,
         excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
-        timeout_s: float | None = None,
+        timeout_s: Timeout | None = None,
     ) -> SpawnReport:
         """Spawns a world, or a map of the knowledge base.
 
@@ -333,11 +336,15 @@ class Simulation:
 
     def current_state(self) -> WorldState:
         """The current world, joint positions and geometry, for questions about them."""
+        return self.published_state()[1]
 
-        def take(engine: Engine) -> WorldState:
+    def published_state(self) -> tuple[StateSnapshot, WorldState]:
+        """The current state, with the snapshot that was published of it."""
+
+        def take(engine: Engine) -> tuple[StateSnapshot, WorldState]:
             world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
-            return WorldState(
+            return self._state, WorldState(
                 world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
             )
 
@@ -437,14 +444,16 @@ class Simulation:
         """The error of the last access to the engine's state; None if it succeeded."""
         return self._engine_error
 
-    def ping(self, *, timeout_s: float | None = None) -> float:
+    @checked
+    def ping(self, *, timeout_s: Timeout | None = None) -> float:
         """Calls the engine, and returns the round-trip time [s]; raises what `run_on_engine` raises."""
         start = time.perf_counter()
         self.run_on_engine(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
         return time.perf_counter() - start
 
+    @checked
     def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: Timeout | None = None, edits: bool = False
     ) -> T:
         """Runs a function in the engine thread: `sim.run_on_engine(lambda engine: engine.save_state())`.
 
@@ -487,7 +496,7 @@ class Simulation:
         if self._closed:
             raise SimulationError("the simulation is closed; make a new one")
 
-        timeout_s = self.timeout_s if timeout_s is None else CALL_TIMEOUT.check(timeout_s)
+        timeout_s = self.timeout_s if timeout_s is None else timeout_s
         client = current_client()
         if client == DEFAULT_CLIENT:
             self._raise_fault()
@@ -530,17 +539,27 @@ class Simulation:
                 episodes = (*self.knowledge.episodes, *running)
                 return ask_over_time(self.knowledge, resolved, known, time=time, episodes=episodes, notes=notes)
         answers = resolved.ask(self.knowledge, known, present=present, notes=notes)
-        if self._observers:
-            self._observers.report_answers(answers)
+        self.report_answers(answers)
         return answers
 
+    @property
+    def is_observed(self) -> bool:
+        """Whether there are observers, such as a recorder."""
+        return bool(self._observers)
+
+    def report_answers(self, answers: Answers[Any]) -> None:
+        """Reports answers about the present that `ask` has not given to the observers."""
+        if self._observers:
+            self._observers.report_answers(answers)
+
+    @checked
     def sparql(
         self,
         query: str,
         *,
-        timeout_s: float = 30.0,
+        timeout_s: Timeout = 30.0,
         allow_service: bool = False,
-        at: float | None = None,
+        at: Time | None = None,
         episode: str | None = None,
     ) -> SparqlResult:
         """Runs a SPARQL query; see `KnowledgeBase.sparql`.
@@ -594,7 +613,8 @@ class Simulation:
             lambda engine: engine.highlight(tuple(engine.highlights()), None), label="clear highlights", edits=True
         )
 
-    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: float | None = None) -> None:
+    @checked
+    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: Lifetime | None = None) -> None:
         """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed."""
         added = tuple(markers)
         self.run_on_engine(lambda _: self._markers.add(added, lifetime_s=lifetime_s), label="add markers")
@@ -610,7 +630,8 @@ class Simulation:
         """Registers an observer of states and edits; returns a function that removes it."""
         return self._observers.add(observer)
 
-    def record(self, path: str | os.PathLike[str], *, rate_hz: float = 30.0) -> Recorder:
+    @checked
+    def record(self, path: str | os.PathLike[str], *, rate_hz: Frequency = 30.0) -> Recorder:
         """Records everything that happens from now on in an episode file, until `stop` or the end of the context.
 
         Args:
@@ -690,7 +711,8 @@ class Simulation:
         """
         return commit_edits(self._engine, self._origin)
 
-    def try_first(self, plan: object, *, at_least: float = 0.9, **options: Unpack[TrialOptions]) -> TrialResult:
+    @checked
+    def try_first(self, plan: object, *, at_least: Fraction = 0.9, **options: Unpack[TrialOptions]) -> TrialResult:
         """Tries a plan in copies, and does it in this simulation only if it is probable enough; see `ms.try_first`.
 
         Args:
@@ -723,7 +745,8 @@ class Simulation:
 
     # -- time ----------------------------------------------------------------------------------------------
 
-    def step(self, duration_s: float, *, progress: Callable[[float], None] | None = None) -> None:
+    @checked
+    def step(self, duration_s: Duration, *, progress: Callable[[float], None] | None = None) -> None:
         """Advances simulated time as fast as the engine can; other calls are executed in between.
 
         `pause` does not end it: that is about `play`. A simulation that is closed does.
@@ -737,7 +760,6 @@ class Simulation:
             SimulationFaultError: a controller raised; it was removed, and the time until then has passed.
             SimulationDivergedError: the state is no longer finite.
         """
-        STEP_DURATION.check(duration_s)
         done = 0.0
         while done < duration_s:
             longest = self._observers.step_s(_STEP_CHUNK_S)
@@ -749,7 +771,8 @@ class Simulation:
             if progress is not None:
                 progress(done)
 
-    def play(self, *, speed: float = 1.0) -> None:
+    @checked
+    def play(self, *, speed: Speed = 1.0) -> None:
         """Starts to advance simulated time at a multiple of real time, in the background.
 
         Ticks are bounded by wall time: with a speed that the engine does not reach, time advances as fast as it can.
@@ -757,7 +780,7 @@ class Simulation:
         Raises:
             InvalidArgumentError: the speed is 0, not a number, or out of range.
         """
-        if SPEED.check(speed) == 0.0:
+        if speed == 0.0:
             raise InvalidArgumentError("speed", cause="it must be above 0", remedy="use `pause`")
         if isinstance(self._thread, DirectCalls):
             raise SimulationError("a simulation without a thread cannot play; use `step`, or copy it with `threaded`")
@@ -788,12 +811,14 @@ class Simulation:
 
     # -- bodies and joints ---------------------------------------------------------------------------------
 
-    def make_body(self, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:
+    @checked
+    def make_body(self, cls: str, *, id: str | None = None, size: Size | None = None) -> Body:
         """Creates a body of a class for `place`, which raises the same errors, by default of the class's size [m]."""
         return make_body(self, cls, id=id, size=size)
 
+    @checked
     def place(
-        self, item: Body | str, *, on: str | None = None, into: str | None = None, near: Vector | None = None
+        self, item: Body | str, *, on: str | None = None, into: str | None = None, near: Point | None = None
     ) -> PlacementResult:
         """Spawns a body on or in another one, at a free pose at which it stays; an existing body is moved there.
 
@@ -856,12 +881,13 @@ class Simulation:
         options: Any = {"format": format, "dialect": dialect, "assets": assets, "plain_shapes": plain_shapes}
         return save_world(world, path, knowledge=self.knowledge, actuated=actuated, **options)
 
+    @checked
     def render(
         self,
         camera: CameraPose | None = None,
         settings: PathTracingSettings | None = None,
         *,
-        clip_height: float | None = None,
+        clip_height: Coordinate | None = None,
     ) -> PathTracedPicture:
         """Renders a path-traced picture of the current state: `sim.render().encode(".png")`; the simulation may run.
 
@@ -950,7 +976,8 @@ class Simulation:
 
     # -- perturbations -------------------------------------------------------------------------------------
 
-    def pull(self, id: BodyId, *, point: Vector, target: Vector) -> None:
+    @checked
+    def pull(self, id: BodyId, *, point: Point, target: Point) -> None:
         """Pulls a point of a body towards a target until `release`; call again to move the target.
 
         Args:

@@ -30,6 +30,7 @@ from mindstage.errors import (
     SimulationError,
     WorldError,
 )
+from mindstage.ranges import Index, checked
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
 from mindstage.scene.kinematics import handles_by_body, moving_body, outward_joints
 from mindstage.scene.transforms import (
@@ -830,7 +831,8 @@ class UndoStack:
         """
         return self._undo_redo(self._redo_edits, self._undo_edits, redo=True)
 
-    def go_to(self, position: int, *, version: int | None = None) -> None:
+    @checked
+    def go_to(self, position: Index, *, version: Index | None = None) -> None:
         """Undoes or redoes edits, in one call of the engine, until so many are done.
 
         Args:

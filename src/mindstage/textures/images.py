@@ -8,6 +8,7 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from mindstage.ranges import Pixels, checked
 from mindstage.textures.baking import texture_set
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ def image_png(pixels: NDArray[uint8], *, longest_px: int | None = None) -> bytes
 
 
 @lru_cache(maxsize=512)
-def texture_jpeg(name: str, map: TextureMap, pixels: int) -> bytes:
+@checked
+def texture_jpeg(name: str, map: TextureMap, pixels: Pixels) -> bytes:
     """One image of a texture as JPEG.
 
     Args:

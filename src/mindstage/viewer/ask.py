@@ -1,7 +1,8 @@
 """The Ask panel: questions, SPARQL and Prolog queries, their answers as tables, highlights, and assertions.
 
 Forms are generated from the declarations of the questions. Every query runs outside the thread of the simulation and
-has a timeout, so that neither the simulation nor other requests of the page wait for it.
+has a timeout, so that neither the simulation nor other requests of the page wait for it. Questions wait in the queue of
+the `QuestionPool` of the simulation; the topic `ask.place` has the place.
 """
 
 from __future__ import annotations
@@ -33,10 +34,12 @@ from mindstage.knowledge.queries import Answers, Question, cell_text, get_questi
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.sentences import is_sentence
 from mindstage.knowledge.tell import parse_value
+from mindstage.ranges import Count, Index
 from mindstage.scene import BodyId
 from mindstage.scene.colors import hex_color, parse_color
 from mindstage.simulation import Simulation, StateSnapshot
-from mindstage.viewer.server import BoundedExecutor, ClientSession, EmptyRequest, RpcChannel
+from mindstage.simulation.question_pool import QuestionPool, WaitingQuestion
+from mindstage.viewer.server import BoundedExecutor, ClientSession, EmptyRequest, Later, RpcChannel
 
 __all__ = [
     "AnswerTable",
@@ -286,23 +289,23 @@ class CompleteNameRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     prefix: str
     kind: str = ""
     """A kind of entity, such as CLASS; classes and individuals if empty."""
-    limit: int = 20
+    limit: Count = 20
 
 
 class HighlightAnswersRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Parameters of `ask.highlight`: the answers to highlight, all or some rows."""
 
-    key: int
+    key: Index
     color: str
-    rows: tuple[int, ...] | None = None
+    rows: tuple[Index, ...] | None = None
     replace: bool = True
 
 
 class ExplainRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Parameters of `ask.explain`: the row to explain."""
 
-    key: int
-    row: int
+    key: Index
+    row: Index
 
 
 class TellRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -356,6 +359,7 @@ class AskHandler:
         *,
         prolog: PrologSolver | None = None,
         timeout_s: float = 30.0,
+        pool: QuestionPool | None = None,
     ) -> None:
         """Registers the requests.
 
@@ -363,10 +367,14 @@ class AskHandler:
             simulation: the simulation that is queried.
             channel: the channel of the pages.
             prolog: solves Prolog queries; without it they are refused.
-            timeout_s: the time limit of a question [s].
+            timeout_s: the time limit of a question that imagines or is about the past, and of other queries [s].
+            pool: answers all other questions; None for that of the simulation.
         """
         self._simulation, self._channel, self._prolog = simulation, channel, prolog
         self._executor = BoundedExecutor(timeout_s=timeout_s)
+        self._pool = QuestionPool.of(simulation) if pool is None else pool
+        self._waiting: dict[str, tuple[ClientSession, WaitingQuestion]] = {}
+        """The question that each page waits for, by the key of its session; a page waits for one at a time."""
         self._keys = count(1)
         self._last_highlights: object = None
         self._bodies: tuple[int, Mapping[str, BodyId]] = (-1, {})
@@ -382,7 +390,11 @@ class AskHandler:
         channel.register("ask.tell", TellRequest, self._change_assertion, QUERY, queue="ask")
 
     def publish(self, snapshot: StateSnapshot) -> None:
-        """Publishes the highlight groups if they have changed."""
+        """Publishes the highlight groups if they have changed, and to each page the place of its waiting question."""
+        for session, asked in tuple(self._waiting.values()):
+            place, waiting = self._pool.place(asked)
+            if place:
+                session.send_event("ask.place", {"place": place, "waiting": waiting})
         if snapshot.highlight_groups is not self._last_highlights:
             self._last_highlights = snapshot.highlight_groups
             groups = [
@@ -413,18 +425,27 @@ class AskHandler:
 
     # -- questions -----------------------------------------------------------------------------------------------------
 
-    def _ask(self, session: ClientSession, request: AskRequest) -> AnswerTable:
+    def _ask(self, session: ClientSession, request: AskRequest) -> AnswerTable | Later:
         question = request.question if is_sentence(request.question) else get_question(request.question).name
         args = {name: value for name, value in request.args.items() if value.strip()}
         title = _title(" ".join([question, *(f"{name}={value}" for name, value in args.items())]))
 
-        def answer() -> _KeptAnswers:
-            answers = self._simulation.ask(question, **args)
+        def kept(answers: Answers[Any]) -> _KeptAnswers:
             with self._simulation.knowledge.lock:
                 table = answer_table(self._simulation.knowledge, answers, self._body_by_iri(), title=title)
             return _KeptAnswers(table, answers)
 
-        return self._remember(session, self._executor.run(answer, label=f"the question {title!r}"))
+        if not self._pool.accepts(question, args):
+            work = partial(self._simulation.ask, question, **args)
+            return self._remember(session, kept(self._executor.run(work, label=f"the question {title!r}")))
+        asked = self._pool.submit(question, args, client=session.key, as_rows=True)
+        self._waiting[session.key] = session, asked
+
+        def finish() -> AnswerTable:
+            self._waiting.pop(session.key, None)
+            return self._remember(session, kept(asked.result.result().answers))
+
+        return Later(asked.result, finish)
 
     def _query(self, session: ClientSession, request: SparqlRequest) -> AnswerTable:
         if len(request.query) > QUERY_CHARACTERS.count:

@@ -15,8 +15,9 @@ import numpy as np
 from mindstage.access.limits import PASTE_CHARACTERS
 from mindstage.access.policies import EDIT, READ, SPAWN
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
+from mindstage.ranges import Index, RotationQuaternion
 from mindstage.rendering.camera import corners
-from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Quaternion, Vector
+from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Vector
 from mindstage.scene.colors import parse_color
 from mindstage.scene.transforms import pose_array, pose_from_array
 from mindstage.simulation import JointHandle, Simulation, StateSnapshot
@@ -43,14 +44,14 @@ class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     id: BodyId
     position: tuple[_Meters, _Meters, _Meters]
-    quaternion: Quaternion
+    quaternion: RotationQuaternion
 
 
 class BodyPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One of the new poses of `move_all`."""
 
     position: tuple[_Meters, _Meters, _Meters]
-    quaternion: Quaternion
+    quaternion: RotationQuaternion
 
 
 class MoveAllRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -129,7 +130,7 @@ class GoToRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `go_to_step`: how many steps of the history are done then."""
 
     position: Annotated[int, msgspec.Meta(ge=0, le=1000)]
-    version: int
+    version: Index
     """That of the topic `history` that the page has shown."""
 
 

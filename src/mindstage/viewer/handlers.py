@@ -18,7 +18,7 @@ from typing import Annotated, Any
 import msgspec
 import viser
 
-from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, STORAGE_PLACES
+from mindstage.access.limits import MAP_CHARACTERS, NEW_BODY_TIME, STORAGE_PLACES, Duration, Speed
 from mindstage.access.policies import EDIT, FILE, READ, RUN
 from mindstage.access.resources import require_granted, without_paths
 from mindstage.errors import (
@@ -167,13 +167,13 @@ _STORAGE_QUESTION = "storage_place_in_environment"
 class PlayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `play`."""
 
-    speed: float = 1.0
+    speed: Speed = 1.0
 
 
 class StepRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `step`."""
 
-    duration_s: float = 0.1
+    duration_s: Duration = 0.1
 
 
 class DetailsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

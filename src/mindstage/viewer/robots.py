@@ -25,6 +25,7 @@ from mindstage.access.policies import EDIT, QUERY, READ, RUN, SPAWN, Policy
 from mindstage.access.resources import without_paths
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
+from mindstage.ranges import Angle, Coordinate
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
@@ -72,7 +73,7 @@ class AddRobotRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     model: _Name
     """A name of the catalog; pages cannot read files of this machine."""
-    at: tuple[float, float, float] | None = None
+    at: tuple[Coordinate, Coordinate, Angle] | None = None
     """x, y [m] and yaw [rad]; by default on the free floor nearest to the point that the camera looks at."""
 
 

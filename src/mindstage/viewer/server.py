@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import io
+import json
 import logging
 import re
 import secrets
@@ -32,7 +33,7 @@ from collections.abc import Awaitable, Callable, Collection, Hashable, Iterable,
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, redirect_stdout
 from contextvars import copy_context
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 from urllib.parse import parse_qs, urlsplit
@@ -63,6 +64,7 @@ from mindstage.errors import (
     RequestLimitError,
     ViewerUnavailableError,
 )
+from mindstage.ranges import Index
 from mindstage.simulation.observation import as_client
 from mindstage.unicode_json import encode_json
 from mindstage.viewer.http import (
@@ -84,6 +86,7 @@ __all__ = [
     "EmptyRequest",
     "Handler",
     "HttpRoutes",
+    "Later",
     "PageServer",
     "RpcChannel",
     "WebSocket",
@@ -401,6 +404,17 @@ class ClientSession:
 
 
 R = TypeVar("R", bound=msgspec.Struct)
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """What a handler returns to wait without a thread."""
+
+    future: Future[Any]
+    finish: Callable[[], object]
+    """Called in a worker thread when the future has ended; returns the result of the request, or raises its error."""
+
+
 Handler = Callable[[ClientSession, R], object]
 """Handles a request of a session; returns a value for JSON, or raises a `MindstageError`."""
 
@@ -408,7 +422,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
-    id: int
+    id: Index
     method: str
     arguments: msgspec.Raw = msgspec.Raw(b"{}")
 
@@ -567,9 +581,8 @@ class RpcChannel:
         try:
             request = msgspec.json.decode(message, type=_Request)
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-            session.send(
-                _error_message(None, "RequestRefused", str(InvalidRequestError("a message", cause=str(error))))
-            )
+            refused = InvalidRequestError("a message", cause=str(error))
+            session.send(_error_message(_request_id(message), "RequestRefused", str(refused)))
             return None
         if request.method not in self._methods:
             refused = InvalidRequestError(repr(request.method), cause="there is no such method", known=self._methods)
@@ -579,9 +592,9 @@ class RpcChannel:
 
     async def _reply(self, session: ClientSession, request: _Request, queue: asyncio.Lock) -> None:
         async with queue:
-            loop, deadline_s = asyncio.get_running_loop(), self._methods[request.method].policy.deadline_s
+            deadline_s = self._methods[request.method].policy.deadline_s
             try:
-                running = loop.run_in_executor(self._executor, self._run_handler, session, request)
+                running = asyncio.ensure_future(self._run(session, request))
                 done, _ = await asyncio.wait([running], timeout=deadline_s)
                 if not done:
                     text = f"{request.method} has not ended within {deadline_s:g} s; it goes on"
@@ -592,7 +605,16 @@ class RpcChannel:
             except RuntimeError:  # the executor is shut down
                 return
 
-    def _run_handler(self, session: ClientSession, request: _Request) -> bytes:
+    async def _run(self, session: ClientSession, request: _Request) -> bytes:
+        loop = asyncio.get_running_loop()
+        reply = await loop.run_in_executor(self._executor, self._run_handler, session, request)
+        while isinstance(reply, Later):
+            await asyncio.wait([asyncio.wrap_future(reply.future)])
+            reply = await loop.run_in_executor(self._executor, self._run_handler, session, request, reply)
+        return reply
+
+    def _run_handler(self, session: ClientSession, request: _Request, later: Later | None = None) -> bytes | Later:
+        """Calls the handler of a request, or finishes it; returns the reply, or what to wait for."""
         method = self._methods[request.method]
         try:
             arguments = msgspec.json.decode(request.arguments, type=method.request_type)
@@ -601,7 +623,8 @@ class RpcChannel:
             return _error_message(request.id, "RequestRefused", str(refused))
         try:
             with as_client(CLIENT):
-                return encode_json({"id": request.id, "result": method.handler(session, arguments)})
+                result = method.handler(session, arguments) if later is None else later.finish()
+                return result if isinstance(result, Later) else encode_json({"id": request.id, "result": result})
         except MindstageError as error:
             return _error_message(
                 request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
@@ -619,6 +642,16 @@ class RpcChannel:
                 await loop.run_in_executor(self._executor, callback, session)
             except RuntimeError:
                 return
+
+
+def _request_id(message: str | bytes) -> int | None:
+    """The id of a request that is JSON but for NaN and Infinity, or that is otherwise invalid; None without one."""
+    try:
+        request = json.loads(message, parse_int=lambda digits: int(digits) if len(digits) < 20 else None)
+    except (ValueError, RecursionError):
+        return None
+    id = request.get("id") if isinstance(request, dict) else None
+    return id if isinstance(id, int) and not isinstance(id, bool) else None
 
 
 def _error_message(id: int | None, type: str, text: str) -> bytes:

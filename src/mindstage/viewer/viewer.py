@@ -23,6 +23,7 @@ from mindstage.access.policies import EntryPoint
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.knowledge.rdf import local_name
+from mindstage.ranges import Port, checked
 from mindstage.rendering.appearance import compute_appearance, find_outlines
 from mindstage.rendering.camera import FramingTarget, ground_height, initial_target
 from mindstage.rendering.render_scene import described_world
@@ -66,12 +67,13 @@ class Viewer:
     programs do.
     """
 
+    @checked
     def __init__(
         self,
         simulation: Simulation,
         *,
         host: str = "127.0.0.1",
-        port: int | None = None,
+        port: Port | None = None,
         token: str | None = None,
         origins: Collection[str] = (),
         tls: TlsCertificate | None = None,

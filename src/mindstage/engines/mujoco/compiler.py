@@ -36,6 +36,7 @@ from mindstage.engines.kinematic_tree import (
     movable_axes,
 )
 from mindstage.engines.mass_properties import inertia_matrix
+from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, first_arena_size, new_data
 from mindstage.engines.mujoco.state import CompiledModel, ModelActuators, ModelJoint
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
@@ -46,6 +47,7 @@ from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import Array, mesh_scale, pose_inverse, pose_multiply, quat_rotate
 
 __all__ = [
+    "FIXED_MOBILITIES",
     "GeomOptions",
     "MeshAsset",
     "ModelInput",
@@ -62,7 +64,8 @@ __all__ = [
 ]
 
 
-_FIXED_MOBILITIES = (Mobility.STATIC, Mobility.STATIONARY)
+FIXED_MOBILITIES = (Mobility.STATIC, Mobility.STATIONARY)
+"""The mobilities of bodies that are fixed to the world."""
 
 
 @dataclass(slots=True)
@@ -81,10 +84,14 @@ class ModelInput:
     excluded_pairs: set[tuple[BodyId, BodyId]]
     kinematics_driven: bool = False
     """Whether kinematic bodies are moved; until then they are fixed like static ones, which costs nothing."""
+    arena_used_bytes: int = 0
+    """How much of its arena the model before it has used."""
+    arena_cap_bytes: int = ARENA_CAP_BYTES
+    """The largest size of the arena."""
 
     def is_fixed(self, group: RigidGroup) -> bool:
         """Whether a group is fixed to the world."""
-        return group.mobility in _FIXED_MOBILITIES or (
+        return group.mobility in FIXED_MOBILITIES or (
             group.mobility is Mobility.KINEMATIC and not self.kinematics_driven
         )
 
@@ -726,11 +733,14 @@ class _SpecBuilder:
 
     def compile(self, scenery: list[BodyId]) -> CompiledModel:
         model_input = self.model_input
+        self.spec.memory = first_arena_size(
+            len(self.spec.bodies), used_bytes=model_input.arena_used_bytes, cap_bytes=model_input.arena_cap_bytes
+        )
         try:
             model = self.spec.compile()
         except ValueError as error:  # the registry should have refused the input
             raise EngineUnavailableError("mujoco", cause=f"it cannot compile this world: {error}") from error
-        data = mujoco.MjData(model)
+        data = new_data(model)
         numbers = {id: body.id for id, body in self.spec_bodies.items()}
         joints = {}
         for id, (tree_joint, axes, ball, spec_joints, body) in self.spec_joints.items():
@@ -762,7 +772,7 @@ class _SpecBuilder:
         geom_rows[: len(scenery_rows)] = scenery_rows  # the geoms of the world body are the first, in this order
         return CompiledModel(
             model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap,
-            geom_rows, actuators,
+            geom_rows, actuators, model_input.arena_cap_bytes,
         )  # fmt: skip
 
 

@@ -14,11 +14,11 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-import msgspec
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.limits import Duration
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -37,7 +37,8 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
-from mindstage.engines.mujoco.compiler import ModelInput, compile_model
+from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
+from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
     CompiledModel,
     ModelJoint,
@@ -54,6 +55,7 @@ from mindstage.engines.mujoco.state import (
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
 from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
+from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import (
     NO_GEOMETRY,
     BodyId,
@@ -63,7 +65,6 @@ from mindstage.scene import (
     Material,
     Mobility,
     Pose,
-    Vector,
     World,
 )
 from mindstage.scene.bounding_boxes import OrientedBoxes
@@ -83,11 +84,13 @@ __all__ = ["ModelCache", "MujocoEngine", "whole_steps"]
 class ModelCache:
     """The input of a MuJoCo model, the poses of all bodies, and the model compiled from them."""
 
-    def __init__(self, timestep_s: float, *, time_s: float = 0.0) -> None:
+    def __init__(self, timestep_s: float, *, time_s: float = 0.0, arena_cap_bytes: int = ARENA_CAP_BYTES) -> None:
         self.builder = PhysicsModelBuilder()
         self.stale = True
         self._timestep_s = timestep_s
         self._time_s = time_s
+        self.arena_cap_bytes = arena_cap_bytes
+        """The largest size of the memory of a model for contacts and constraints."""
         self._compiled: CompiledModel | None = None
         self._pending_poses: dict[BodyId, Array] = {}
         """Poses that the compiled model does not have yet."""
@@ -110,7 +113,7 @@ class ModelCache:
 
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
-        result = ModelCache(self._timestep_s, time_s=self._time_s)
+        result = ModelCache(self._timestep_s, time_s=self._time_s, arena_cap_bytes=self.arena_cap_bytes)
         result.builder, result.stale = self.builder.copy(), self.stale
         if self._compiled is not None:
             result._compiled = self._compiled.copy()
@@ -206,7 +209,13 @@ class ModelCache:
             poses: the result of `poses`, if the caller has it already.
         """
         poses = self.poses() if poses is None else poses
-        return ModelInput.from_builder(self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven)
+        result = ModelInput.from_builder(
+            self.builder, poses, self._timestep_s, kinematics_driven=self._kinematics_driven
+        )
+        result.arena_cap_bytes = self.arena_cap_bytes
+        if self._compiled is not None:
+            result.arena_used_bytes = int(self._compiled.data.maxuse_arena)
+        return result
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -214,6 +223,10 @@ class ModelCache:
         self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
     ) -> SpawnReport:
         """See `Engine.spawn`."""
+        movable = sum(
+            each.physics.mobility not in FIXED_MOBILITIES for each in (*self.registry.bodies.values(), *world.bodies)
+        )
+        check_arena(movable, cap_bytes=self.arena_cap_bytes)
         before = self.poses()
         report, moved = self.builder.add(world, before, geometry=geometry, options=options)
         new_ids = self.registry.ids[len(before) :]
@@ -340,11 +353,8 @@ class ModelCache:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         """See `Engine.scale_dynamics`."""
-        for id, scale in scales.items():
+        for id in scales:
             self.registry.body(id)
-            for name, factor in msgspec.structs.asdict(scale).items():
-                if not 0.0 < factor < float("inf"):
-                    raise ValueError(f"the factor of the {name} of {id!r} must be above 0 and finite, not {factor}")
         before, self._scales = self._scales, {**self._scales, **scales}
         boxes = self._boxes(scales)
         if self.stale or self._compiled is None:
@@ -485,13 +495,15 @@ class MujocoEngine:
         }
     )
 
-    def __init__(self, *, timestep_s: float = 0.002) -> None:
+    @checked
+    def __init__(self, *, timestep_s: TimeStep = 0.002, memory_cap_bytes: Count = ARENA_CAP_BYTES) -> None:
         """Creates an engine with an empty world.
 
         Args:
             timestep_s: MuJoCo's time step [s].
+            memory_cap_bytes: the most memory that a model may have for contacts, constraints and pairs of bodies.
         """
-        self._cache = ModelCache(timestep_s)
+        self._cache = ModelCache(timestep_s, arena_cap_bytes=memory_cap_bytes)
         self._timestep_s = timestep_s
         self._pending_s = 0.0
         self._step_wall_s = float("inf")
@@ -535,7 +547,7 @@ class MujocoEngine:
 
     def clear(self) -> None:
         self._require_open()
-        self._cache = ModelCache(self._timestep_s, time_s=0.0)
+        self._cache = ModelCache(self._timestep_s, arena_cap_bytes=self._cache.arena_cap_bytes)
         self._forces.clear()
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
@@ -581,16 +593,19 @@ class MujocoEngine:
     def highlights(self) -> Mapping[BodyId, Color]:
         return MappingProxyType(self._require_open().registry.highlighted)
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._require_open().registry.body(id)
         self._forces.append(
             (id, np.asarray(force, dtype=float), None if point is None else np.asarray(point, dtype=float))
         )
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         self.step_for(duration_s, wall_s=float("inf"))
 
-    def step_for(self, duration_s: float, *, wall_s: float) -> float:
+    @checked
+    def step_for(self, duration_s: Duration, *, wall_s: float) -> float:
         """See `InterruptibleEngine`."""
         cache = self._require_open()
         steps, self._pending_s = whole_steps(self._pending_s + duration_s, self._timestep_s)
@@ -609,10 +624,9 @@ class MujocoEngine:
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
-            mujoco.mj_step(compiled.model, compiled.data, nstep=count)
+            compiled.step(count)
             now_s = time.monotonic()
             self._step_wall_s = (now_s - began_s) / count
-            compiled.poses_outdated = True
             remaining -= count
             cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
             if remaining and not cache.unchecked_steps:
@@ -717,7 +731,8 @@ class MujocoEngine:
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._require_open().set_actuators(actuators, without_weight=without_weight)
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._require_open().set_commands(commands)
 
     def actuator_states(self) -> Mapping[str, ActuatorState]:
@@ -738,7 +753,7 @@ class MujocoEngine:
         return self._require_open().model()
 
     def fork(self) -> MujocoEngine:
-        forked = MujocoEngine(timestep_s=self._timestep_s)
+        forked = MujocoEngine(timestep_s=self._timestep_s, memory_cap_bytes=self._cache.arena_cap_bytes)
         forked._cache = self._require_open().copy()
         forked._pending_s, forked._forces = self._pending_s, list(self._forces)
         return forked

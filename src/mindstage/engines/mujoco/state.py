@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from mindstage.engines.actuators import ActuatorSet
 from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
+from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
+from mindstage.errors import EngineError
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
@@ -112,6 +114,8 @@ class CompiledModel:
     geom_rows: NDArray[np.intp]
     """Row of the body of each geom; -1 for the ground."""
     actuators: ModelActuators = _NO_ACTUATORS
+    arena_cap_bytes: int = ARENA_CAP_BYTES
+    """The size up to which the arena grows."""
     poses_outdated: bool = False
     """Whether time has advanced since the poses in `data` were computed: `mj_step` computes those before its step."""
     free_heights: NDArray[np.intp] = field(init=False)
@@ -119,6 +123,8 @@ class CompiledModel:
 
     free_velocities: NDArray[np.intp] = field(init=False)
     """Addresses in `qvel` of their linear velocities, k x 3."""
+    before: Any = field(init=False, default=None)
+    """Data for the state before a step; None until a step needs it."""
 
     def __post_init__(self) -> None:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
@@ -131,6 +137,43 @@ class CompiledModel:
         result.data = copy.copy(self.data)
         return result
 
+    def step(self, count: int) -> None:
+        """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
+
+        The result is the same as with an arena that was large from the beginning.
+
+        Raises:
+            EngineMemoryError: the arena would exceed its largest size; the state is that before the steps.
+            EngineError: MuJoCo failed; the state is that before the steps.
+        """
+        if self.before is None:
+            self.before = new_data(self.model)
+        mujoco.mj_copyData(self.before, self.model, self.data)
+        try:
+            while not run_mujoco(mujoco.mj_step, self.model, self.data, nstep=count) or is_exhausted(self.data):
+                larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
+                self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
+                self.model = larger
+        except EngineError:
+            mujoco.mj_copyData(self.data, self.model, self.before)
+            raise
+        self.poses_outdated = True
+
+    def forward(self) -> None:
+        """Computes all that depends on the state, such as contacts; the arena grows if it is exhausted.
+
+        Raises:
+            EngineMemoryError: the arena would exceed its largest size.
+        """
+        state = copy.copy(self.data)
+        while not run_mujoco(mujoco.mj_forward, self.model, self.data) or is_exhausted(self.data):
+            self.model = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
+            self.data, self.before = copy_state(self.model, state), None
+
+    def __getstate__(self) -> tuple[None, dict[str, object]]:
+        """The state to pickle, without the data that are allocated again when they are needed."""
+        return None, {each.name: getattr(self, each.name) for each in fields(self)} | {"before": None}
+
     def __setstate__(self, state: object) -> None:
         """Restores a pickled model, whose data lack MuJoCo's lists of awake bodies."""
         for each in fields(self):
@@ -139,7 +182,7 @@ class CompiledModel:
             _UPDATE_SLEEP(self.model._address, self.data._address)
         else:  # then all bodies wake up, and fall asleep again
             self.data.tree_asleep[:] = _FULLY_AWAKE
-            mujoco.mj_forward(self.model, self.data)
+            self.forward()
 
     def without(self, removed: Collection[BodyId], *, remaining_joints: Container[BodyId]) -> CompiledModel:
         """The same model without some bodies and joints, so that their state is not transferred.
@@ -173,7 +216,7 @@ class CompiledModel:
         if _UPDATE_SLEEP is not None:
             _UPDATE_SLEEP(self.model._address, data._address)
         if contacts or _UPDATE_SLEEP is None:
-            mujoco.mj_forward(self.model, data)
+            self.forward()
         else:
             mujoco.mj_kinematics(self.model, data)
 
@@ -254,7 +297,7 @@ def transfer_state(
         for name, address, sign in zip(new.actuators.names, new.actuators.positions, new.actuators.signs, strict=True):
             commands.setdefault(name, sign * data.qpos.item(address))
         set_commands(new, commands)
-    mujoco.mj_forward(new.model, data)
+    new.forward()
     if old is not None:
         _keep_asleep(old, new, changed_boxes)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from mindstage.access.limits import Timeout
 from mindstage.access.visitors import is_loopback
 from mindstage.engines.remote.client import SCHEME, RemoteProfile, RemoteUrl, ServiceClient
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
@@ -18,6 +19,7 @@ from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import BridgeError, EngineUnavailableError
 from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
+from mindstage.ranges import checked
 
 __all__ = ["SCHEME", "RemoteEngine", "RemoteProfile", "RemoteUrl", "connect"]
 
@@ -25,11 +27,12 @@ _ENGINE_SERVICES = ("/mindstage/describe", "/spawn_semantic_map")
 """Service names, after the namespace, that only an engine has."""
 
 
+@checked
 def connect(
     address: RemoteUrl | str,
     *,
     profile: RemoteProfile | None = None,
-    timeout_s: float = 10.0,
+    timeout_s: Timeout = 10.0,
     control_time: bool = True,
 ) -> RemoteEngine:
     """Connects to an engine behind a rosbridge.

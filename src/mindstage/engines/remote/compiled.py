@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import Duration
 from mindstage.bridge.conversions import (
     BodyModelDelta,
     DriveModelDelta,
@@ -28,7 +29,6 @@ from mindstage.bridge.conversions import (
     to_json,
     vector_message,
 )
-from mindstage.engines.actuators import check_numbers
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -52,6 +52,7 @@ from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngi
 from mindstage.errors import PoseUnreachableError
 from mindstage.msgs import Message, Service
 from mindstage.msgs import mindstage_msgs as wire
+from mindstage.ranges import Finite, ForceVector, Point, checked
 from mindstage.scene import (
     NO_GEOMETRY,
     Body,
@@ -63,7 +64,6 @@ from mindstage.scene import (
     Light,
     Material,
     Pose,
-    Vector,
     World,
 )
 from mindstage.scene.transforms import (
@@ -317,7 +317,8 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         super().highlight(tuple(self._require_body(id) for id in ids), color)
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         self._require_body(id)
         applied_force = wire.Force(id=id, force=vector_message(force))
         if point is not None:
@@ -329,8 +330,6 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._require_actuators()
         added, bodies = tuple(actuators), tuple(without_weight)
-        for each in added:
-            check_numbers(each)  # JSON has no such numbers
 
         def apply(builder: PhysicsModelBuilder, poses: Array) -> None:
             builder.set_actuators(added, without_weight=bodies)
@@ -338,14 +337,16 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         text = to_json(added, tuple[Actuator, ...])
         self._apply_edit(wire.SetActuators, wire.SetActuators.Request(actuators=text, without_weight=bodies), apply)
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._require_actuators()
         self._builder.actuators.set_commands(commands)
         super().set_commands(commands)
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         self._builder.mark_simulated()
         self._step_returns_poses &= self._pose_rows is None
         read_poses, self._pose_rows = self._step_returns_poses, None

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from mindstage.engines.base import Actuator, ActuatorState, Contact, DynamicsScale, Engine, EngineStats, SpawnNote
 from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
+from mindstage.ranges import Finite, checked
 from mindstage.scene import BodyId
 
 __all__ = ["RemoteEngine"]
@@ -81,7 +82,8 @@ class RemoteEngine(Engine):
         """
         raise self._unsupported_actuators()
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         """See `set_actuators`."""
         raise self._unsupported_actuators()
 

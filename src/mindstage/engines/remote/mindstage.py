@@ -11,12 +11,12 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from math import isfinite
 from typing import Any, NamedTuple, TypeVar
 from weakref import finalize
 
 import msgspec
 
+from mindstage.access.limits import Duration
 from mindstage.access.resources import is_granted
 from mindstage.bridge.conversions import (
     color_from_message,
@@ -31,7 +31,6 @@ from mindstage.bridge.conversions import (
     world_from_json,
     world_to_json,
 )
-from mindstage.engines.actuators import check_numbers
 from mindstage.engines.base import (
     DEFAULT_SPAWN_OPTIONS,
     Actuator,
@@ -57,6 +56,7 @@ from mindstage.errors import (
 )
 from mindstage.msgs import Message, Service, encode, engine_service
 from mindstage.msgs import mindstage_msgs as wire
+from mindstage.ranges import Finite, ForceVector, Point, checked
 from mindstage.scene import (
     NO_GEOMETRY,
     Body,
@@ -70,7 +70,6 @@ from mindstage.scene import (
     Light,
     Material,
     Pose,
-    Vector,
     World,
 )
 from mindstage.scene.collision_shapes import compile_geometry
@@ -292,7 +291,8 @@ class MindstageRemoteEngine(RemoteEngine):
         with self._client.validating("get_highlights"):
             return dict(zip(map(BodyId, reply.ids), map(color_from_message, reply.colors), strict=True))
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         request = wire.Push.Request(id=id, force=vector_message(force))
         if point is not None:
             request = msgspec.structs.replace(request, at_point=True, point=point_message(point))
@@ -300,7 +300,8 @@ class MindstageRemoteEngine(RemoteEngine):
 
     # -- time and state ------------------------------------------------------------------------------------------------
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         self._step(wire.Step.Request(duration_s=duration_s))
 
     def _step(self, request: wire.Step.Request) -> wire.Step.Response:
@@ -344,18 +345,13 @@ class MindstageRemoteEngine(RemoteEngine):
 
     def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
         self._require_actuators()
-        added = tuple(actuators)
-        for each in added:
-            check_numbers(each)  # JSON has no such numbers
-        text = to_json(added, tuple[Actuator, ...])
+        text = to_json(tuple(actuators), tuple[Actuator, ...])
         request = wire.SetActuators.Request(actuators=text, without_weight=tuple(without_weight))
         self._call(wire.SetActuators, request, refusal=ValueError)
 
-    def set_commands(self, commands: Mapping[str, float]) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         self._require_actuators()
-        for name, command in commands.items():
-            if not isfinite(command):
-                raise ValueError(f"the command of {name!r} must be finite, not {command}")
         request = wire.SetCommands.Request(names=tuple(commands), commands=tuple(commands.values()))
         self._call(wire.SetCommands, request, refusal=KeyError)
 

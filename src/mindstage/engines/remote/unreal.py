@@ -19,6 +19,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from mindstage.access.limits import Duration
 from mindstage.bridge.conversions import color_code, pose_array_from_messages, pose_message
 from mindstage.bridge.conversions_unreal import (
     joint_message,
@@ -53,6 +54,7 @@ from mindstage.errors import (
 )
 from mindstage.msgs import Message, Service, snake_case
 from mindstage.msgs import world_control_msgs as wire
+from mindstage.ranges import ForceVector, Point, checked
 from mindstage.scene import (
     NO_GEOMETRY,
     Attachment,
@@ -406,7 +408,8 @@ class UnrealEngine(RemoteEngine):
         """The requested colors."""
         return MappingProxyType(self._require_world().highlighted)
 
-    def apply_force(self, id: BodyId, force: Vector, point: Vector | None = None) -> None:
+    @checked
+    def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
         if self._require_world().body(id).physics.is_dynamic:
             raise self._unsupported("apply forces", "move bodies with set_pose")
 
@@ -429,7 +432,8 @@ class UnrealEngine(RemoteEngine):
 
     # -- time and state ------------------------------------------------------------------------------------------------
 
-    def step(self, duration_s: float) -> None:
+    @checked
+    def step(self, duration_s: Duration) -> None:
         """Waits for a duration; consecutive steps are one period of time."""
         self._require_world()
         now_s = self._now_s()

@@ -28,6 +28,7 @@ from mindstage.geometry.procedural.builder import (
     turn_between,
 )
 from mindstage.geometry.procedural.primitives import BoxShape
+from mindstage.ranges import NotNegative, Size, checked
 from mindstage.scene import IDENTITY, LightType, Pose, Vector
 from mindstage.scene import mesh as mesh_module
 from mindstage.scene.geometry import (
@@ -81,17 +82,18 @@ def template_by_name(shape_name: str, parameters: Mapping[str, Any] | None = Non
         raise InvalidShapeError(shape_name, reason=str(error)) from error
 
 
+@checked
 def build_geometry(
     template: ShapeTemplate,
-    size: Vector,
+    size: Size,
     *,
     up: BodySide = BodySide.TOP,
     front: BodySide = BodySide.FRONT,
     materials: Mapping[str, PbrMaterial] | None = None,
     light: AttachedLight | None = None,
-    friction: float | None = None,
-    restitution: float | None = None,
-    density: float | None = None,
+    friction: NotNegative | None = None,
+    restitution: NotNegative | None = None,
+    density: NotNegative | None = None,
     source: GeometrySource = GeometrySource.ONTOLOGY,
     reason: str = "",
 ) -> BodyGeometry:

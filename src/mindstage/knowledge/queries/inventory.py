@@ -34,6 +34,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import HAS_POSE, THING, TYPE, knowrob, ms
+from mindstage.ranges import Count
 from mindstage.scene import Body, Iri, IriRef, Literal, PropertyAssertion
 from mindstage.scene.bounding_boxes import footprints, polygon_areas
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
@@ -360,7 +361,7 @@ def similar_to(
     thing: IndividualName | None = None,
     other: IndividualName | None = None,
     map: MapName | None = None,
-    count: int | None = None,
+    count: Count | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[SimilarRow]:
@@ -448,7 +449,7 @@ def _missing_similar(
     thing: Iri | None = None,
     other: Iri | None = None,
     map: Iri | None = None,
-    count: int | None = None,
+    count: Count | None = None,
     *,
     present: StateAccess,
 ) -> Iterator[MissingKnowledge]:

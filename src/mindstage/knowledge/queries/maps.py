@@ -8,7 +8,6 @@ from typing import Any
 
 import msgspec
 
-from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import (
     membership_lines,
@@ -29,6 +28,7 @@ from mindstage.knowledge.questions import (
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_properties import ObjectTriple
 from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
+from mindstage.ranges import NotNegative
 from mindstage.scene import MECHANICAL_KINDS, Iri, WorldDiff, diff
 
 __all__ = [
@@ -229,7 +229,7 @@ class MapEquality(AnswerRow, frozen=True, kw_only=True):
     )
 )
 def identical_maps(
-    kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
+    kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: NotNegative = 0.0
 ) -> Iterator[MapEquality]:
     """Whether two maps describe the same world, and the ids of all entities that differ by more than the tolerance.
 
@@ -277,7 +277,7 @@ class MapDifference(AnswerRow, frozen=True, kw_only=True):
     )
 )
 def differences(
-    kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: float = 0.0
+    kb: QuestionContext, a: MapName | None = None, b: MapName | None = None, tolerance: NotNegative = 0.0
 ) -> Iterator[MapDifference]:
     """How two maps differ: the entities that only one of them has, and each field with different values.
 
@@ -319,7 +319,7 @@ def _explain_difference(kb: QuestionContext, row: MapDifference) -> Iterator[str
 @identical_maps.missing
 @differences.missing
 def _missing_map_pair(
-    kb: QuestionContext, a: Iri | None = None, b: Iri | None = None, tolerance: float = 0.0
+    kb: QuestionContext, a: Iri | None = None, b: Iri | None = None, tolerance: NotNegative = 0.0
 ) -> Iterator[MissingKnowledge]:
     known = kb.maps()
     for map in dict.fromkeys(map for map in (a, b) if map and map not in known):
@@ -335,10 +335,6 @@ def _map_pairs(
     kb: QuestionContext, a: Iri | None, b: Iri | None, tolerance: float
 ) -> Iterator[tuple[Iri, Iri, WorldDiff]]:
     """All pairs of different maps; a map and itself only if both arguments are given."""
-    if not tolerance >= 0.0:
-        raise InvalidArgumentError(
-            "tolerance", cause=f"{tolerance} is negative or not a number", remedy="give 0 or more"
-        )
     known = sorted(kb.maps())
     for one in known if a is None else {a} & {*known}:
         for other in known if b is None else {b} & {*known}:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -31,6 +31,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob
+from mindstage.ranges import Length
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints
 from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, wall_rooms
@@ -213,9 +214,9 @@ def path(
     start: IndividualName | None = None,
     goal: IndividualName | None = None,
     map: MapName | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     goal_position: str | None = None,
     *,
@@ -278,9 +279,9 @@ def _missing_path(
     start: Iri | None = None,
     goal: Iri | None = None,
     map: Iri | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     goal_position: str | None = None,
     *,
@@ -341,9 +342,9 @@ def reachable(
     goal: IndividualName | None = None,
     reachable: bool | None = None,
     map: MapName | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     *,
     present: StateAccess,
@@ -400,9 +401,9 @@ def _missing_reachable(
     goal: Iri | None = None,
     reachable: bool | None = None,
     map: Iri | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    reach: float | None = None,
+    radius: Length | None = None,
+    height: Length | None = None,
+    reach: Length | None = None,
     start_position: str | None = None,
     *,
     present: StateAccess,
@@ -502,7 +503,10 @@ def _rooms_in(kb: QuestionContext, bodies: PlacedBodies, thing: Iri | None) -> I
 
 
 def _is_named(kb: QuestionContext, cls: Iri, names: frozenset[str]) -> bool:
-    return any(local_name(above) in names for above in (cls, *kb.reasoner.classes.above(cls)))
+    known: dict[Iri, bool] = kb.derived(("is named", names), dict)
+    if cls not in known:
+        known[cls] = any(local_name(above) in names for above in (cls, *kb.reasoner.classes.above(cls)))
+    return known[cls]
 
 
 def _room_row(bodies: PlacedBodies, row: int, basis: RoomBasis, **fields: object) -> RoomRow:
@@ -543,7 +547,13 @@ def _individual_rooms(kb: QuestionContext, bodies: PlacedBodies, is_room: Sequen
 
 
 def _classes_named(kb: QuestionContext, name: str) -> list[Iri]:
-    return [cls for cls in kb.reasoner.declared_classes() if local_name(cls) == name]
+    def by_name() -> Mapping[str, list[Iri]]:
+        found: dict[str, list[Iri]] = {}
+        for cls in kb.reasoner.declared_classes():
+            found.setdefault(local_name(cls), []).append(cls)
+        return found
+
+    return kb.derived("classes by local name", by_name).get(name, [])
 
 
 def _contains_points(placed: BodyBoxes, row: int, points: Array) -> Array:

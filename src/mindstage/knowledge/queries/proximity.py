@@ -33,6 +33,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.vocabulary import HAS_POSE, THING
+from mindstage.ranges import Count
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas, polygon_overlap_areas
 from mindstage.scene.kinematics import RigidGroups
@@ -568,7 +569,7 @@ def nearest(
     thing: IndividualName | None = None,
     other: IndividualName | None = None,
     cls: ClassName | None = None,
-    count: int | None = None,
+    count: Count | None = None,
     position: str | None = None,
     map: MapName | None = None,
     *,
@@ -645,7 +646,7 @@ def _missing_neighbor(
     thing: Iri | None = None,
     other: Iri | None = None,
     cls: Iri | None = None,
-    count: int | None = None,
+    count: Count | None = None,
     position: str | None = None,
     map: Iri | None = None,
     *,

@@ -38,6 +38,7 @@ from mindstage.knowledge.questions import (
 from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_classes import ClassRestriction
 from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob, ms
+from mindstage.ranges import Count
 from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Pose, Vector
 from mindstage.scene.placement import (
     MIN_UP_COSINE,
@@ -395,7 +396,7 @@ def free_place(
     relation: PlaceRelation | None = None,
     support: IndividualName | None = None,
     cls: ClassName | None = None,
-    count: int | None = None,
+    count: Count | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -506,7 +507,7 @@ def _missing_place(
     relation: PlaceRelation | None = None,
     support: Iri | None = None,
     cls: Iri | None = None,
-    count: int | None = None,
+    count: Count | None = None,
     map: Iri | None = None,
     *,
     present: StateAccess,

@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from mindstage.access.limits import Timeout
 from mindstage.errors import (
     CommandRefusedError,
     InvalidArgumentError,
@@ -20,6 +21,7 @@ from mindstage.errors import (
     WorldError,
     suggestion,
 )
+from mindstage.ranges import Seed, checked
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import (
     SkillOutcome,
@@ -65,13 +67,14 @@ class _End(NamedTuple):
     suggestion: str = ""
 
 
+@checked
 def start_skill(
     robot: Robot,
     name: str,
     args: Mapping[str, object],
     *,
-    deadline_s: float | None = None,
-    seed: int = 0,
+    deadline_s: Timeout | None = None,
+    seed: Seed = 0,
     on_step: Callable[[SkillStep], object] | None = None,
 ) -> Generator[float, None, SkillResult]:
     """Starts a skill: a generator of the simulated times [s] by which the caller has to step.

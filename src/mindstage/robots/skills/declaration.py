@@ -14,12 +14,14 @@ import inspect
 import math
 import shlex
 from collections.abc import Callable, Generator, Iterable, Mapping
+from contextlib import suppress
 from enum import StrEnum
 from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
 
 import msgspec
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.ranges import Angle, Coordinate, Fraction, check_number, declared_range
 from mindstage.scene import BodyId
 
 __all__ = [
@@ -94,6 +96,13 @@ KindName = Annotated[str, ParameterType.CLASS]
 LengthM = Annotated[float, ParameterType.LENGTH]
 AngleRad = Annotated[float, ParameterType.ANGLE]
 FractionOpen = Annotated[float, ParameterType.FRACTION]
+
+
+_RANGES = {
+    ParameterType.LENGTH: declared_range(Coordinate),
+    ParameterType.ANGLE: declared_range(Angle),
+    ParameterType.FRACTION: declared_range(Fraction),
+}
 
 
 class SkillParameter(msgspec.Struct, frozen=True, kw_only=True):
@@ -230,15 +239,12 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
             if not isinstance(value, str) or not value.strip():
                 raise InvalidArgumentError(place, cause=f"{value!r} is no name", remedy=f"give {parameter.description}")
             return value.strip()
-        try:
-            number = float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
-            number = math.nan
-        if not math.isfinite(number) or isinstance(value, bool):
-            raise InvalidArgumentError(place, cause=f"{value!r} is no finite number", remedy="give a number")
-        if parameter.type is ParameterType.FRACTION and not 0.0 <= number <= 1.0:
-            raise InvalidArgumentError(place, cause=f"{number:g} is out of range", remedy="give 0 to 1")
-        return number
+        number = value
+        if isinstance(value, str):
+            with suppress(ValueError):
+                number = float(value)
+        check_number(number, _RANGES[parameter.type], place)
+        return float(number)  # type: ignore[arg-type]
 
     def parse(self, words: Iterable[str]) -> dict[str, SkillValue]:
         """The arguments of a command: values in the order of the parameters, and `name=value`.

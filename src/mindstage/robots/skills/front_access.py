@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from mindstage.errors import UnreachableError
+from mindstage.ranges import Fraction, checked
 from mindstage.robots.collisions import Collision, HandChecker
 from mindstage.robots.kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.navigation import FloorMap
@@ -133,7 +134,8 @@ class FrontReach(msgspec.Struct, frozen=True, kw_only=True):
         return self.is_reachable
 
 
-def can_open(robot: Robot, thing: str, fraction: float = 1.0) -> FrontReach:
+@checked
+def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
     """Whether a robot can open a door or drawer, without moving anything: from where, how, or why not.
 
     Places of the base, grasps and pushes are sampled, and tested by inverse kinematics on the robot's model and for

@@ -130,19 +130,31 @@ class AskPanel {
     replaceChildren(this.#form, text, el("div", { class: "row" }, el("button", { type: "button", class: "primary", "data-action": "ask", onclick: ask }, "Ask"), el("span", { class: "muted" }, "or Ctrl+Enter")));
   }
 
+  // Shows the place of the question in the queue of all clients, if it has to wait.
+  #showPlace(status) {
+    const before = channel.latest("ask.place");
+    return channel.on("ask.place", (value) => {
+      if (value === before) return; // of an earlier question
+      status.textContent = `Waiting: place ${value.place} of ${value.waiting} in the queue…`;
+    });
+  }
+
   // -- requests ----------------------------------------------------------------------------------------------------
 
   // Sends a question and shows its answers, unless another one was sent meanwhile.
   async #ask(method, params) {
     const request = ++this.#requests;
     this.#answers.setAttribute("aria-busy", "true");
-    replaceChildren(this.#answers, el("p", { class: "muted pending" }, "Running the query…"));
+    const status = el("p", { class: "muted pending", role: "status" }, "Running the query…");
+    replaceChildren(this.#answers, status);
+    const unsubscribe = method === "ask" ? this.#showPlace(status) : () => {};
     try {
       const answers = await channel.call(method, params);
       if (request === this.#requests) replaceChildren(this.#answers, answerTable(answers, () => this.#ask(method, params)));
     } catch (error) {
       if (request === this.#requests) replaceChildren(this.#answers, el("p", { class: "error-text", role: "alert", "data-role": "error" }, error.message));
     } finally {
+      unsubscribe();
       if (request === this.#requests) this.#answers.setAttribute("aria-busy", "false");
     }
   }

@@ -4,7 +4,7 @@
 // the frame in which the mesh of its body is there. A view without the page says how far it is, otherwise the page does.
 
 import { applyPoses } from "./bodyPoses.js";
-import { beforeFrames, geometryClass, onNewConnection, onReplayDone, onViewData, viewReady } from "./viewData.js";
+import { beforeFrames, geometryClass, onNewConnection, onReplayDone, onViewData, reportMissing, viewReady } from "./viewData.js";
 
 const BEFORE_RENDERING = -5;
 const SHOW_PROGRESS_MS = 1500;
@@ -87,6 +87,7 @@ class Placeholders {
     this.#boxes = null;
     this.#pending.clear();
     this.#isReplayDone = false;
+    reportMissing(0, 0);
     progress.hidden = true;
   }
 
@@ -162,6 +163,7 @@ class Placeholders {
   #showProgress() {
     let left = 0;
     for (const boxes of this.#pending.values()) left += boxes.length;
+    reportMissing(left, this.#count);
     progress.hidden = parent !== window || left === 0 || performance.now() - this.#startMs < SHOW_PROGRESS_MS;
     const text = `Loading shapes: ${this.#count - left} of ${this.#count}`;
     if (!progress.hidden && progress.textContent !== text) progress.textContent = text;

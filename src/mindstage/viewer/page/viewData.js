@@ -1,10 +1,11 @@
 // Access to viser's view and to data from the server, for the modules inside the viewer iframe; see viserHooks.js.
 
-const { beforeFrames, changeCallbacks, handlers, replayCallbacks, resetCallbacks, viewReady } = window.mindstageHooks;
+const { beforeFrames, changeCallbacks, handlers, replayCallbacks, reportMissing, resetCallbacks, viewReady } = window.mindstageHooks;
 
 // `viewReady` is a promise of the mutable state of viser's page (`ViewerMutable` in viser's client).
 // `beforeFrames(view, priority, callback)` calls a function before each frame; viser sets poses at priority -1,000.
-export { beforeFrames, viewReady };
+// `reportMissing(missing, count)` says how many bodies have no mesh yet.
+export { beforeFrames, reportMissing, viewReady };
 
 // Calls `handler(key, values)` for each message of a topic: of "poses/3" the topic is "poses" and the key "3".
 export function onViewData(topic, handler) {

@@ -113,7 +113,8 @@ function showLoading() {
   const hasStopped = count > 0 && performance.now() - progressed.at > LOADING_STOPPED_MS;
   const isComplete = expected > 0 && (count >= expected || hasStopped);
   wasComplete ||= isComplete;
-  loading.hidden = wasComplete || performance.now() - started < LOADING_DELAY_MS;
+  const isStopped = Boolean(viewFrame.contentDocument?.querySelector(".mindstage-stopped:not([hidden])")); // it says so itself
+  loading.hidden = wasComplete || isStopped || performance.now() - started < LOADING_DELAY_MS;
   progress.value = expected ? Math.min(1, count / expected) : 0;
   loaded.textContent = view() ? `Loading ${count} of ${expected} bodies` : "Loading the 3D view";
   if (!wasComplete) setTimeout(showLoading, LOADING_INTERVAL_MS);

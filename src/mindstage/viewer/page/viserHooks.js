@@ -1,6 +1,6 @@
-// Hooks into viser's page: access to its view, data of Mindstage in its messages, and its console output. This script is
-// part of the page itself and not a module, because it must run before viser does, however slow the connection is; the
-// modules use it by viewData.js.
+// Hooks into viser's page: access to its view, data of Mindstage in its messages, its console output, a defect of it, and
+// the notice of a view that has stopped. This script is part of the page itself and not a module, because it must run
+// before viser does, however slow the connection is; the modules use it by viewData.js.
 
 {
   // -- console ------------------------------------------------------------------------------------------------------
@@ -70,20 +70,105 @@
     store.getState().internal.subscribe({ current: callback }, priority, store);
   }
 
+  // -- bounds of copied geometries ----------------------------------------------------------------------------------
+  // An effect of viser 1.1 (src/mesh/BatchedMeshBase.tsx) reads `mesh.geometry.boundingSphere.radius` of the copy that it
+  // has made of a batch's geometry. A geometry of several materials has no bounding sphere before its first frame; if the
+  // effect runs before that, which it does on a slow or busy machine, it throws, and React removes the whole view. A copy
+  // therefore always has one. To be removed with the first version of viser whose effect computes it.
+  function boundCopies(view) {
+    let geometry = null;
+    view.scene.traverse((node) => {
+      geometry ??= node.geometry ?? null;
+    });
+    if (!geometry) throw new Error("the view has no geometry yet: viser has changed its background, which this script relies on");
+    let prototype = geometry; // in the end that of THREE.BufferGeometry
+    while (Object.getPrototypeOf(prototype).computeBoundingSphere) prototype = Object.getPrototypeOf(prototype);
+    const copy = prototype.copy;
+    prototype.copy = function (source) {
+      copy.call(this, source);
+      if (this.boundingSphere === null && this.attributes.position) this.computeBoundingSphere();
+      return this;
+    };
+  }
+
+  // -- a view that has stopped --------------------------------------------------------------------------------------
+  // After an error in a script or the loss of the GPU's context, a view that still draws needs no notice: it is asked for
+  // a frame, and has stopped if it draws none. Time counts only while the tab is visible, since hidden ones draw nothing.
+  const CHECK_MS = 500;
+  const MAX_SILENT_CHECKS = 8;
+  const STUCK_CHECKS = 60;
+  let suspicion = null; // the cause, the frames that were drawn before it, and the checks since
+  let view = null;
+  let stuck = { missing: 0, count: 0, checks: 0 };
+  const notice = document.createElement("div");
+  notice.className = "mindstage-stopped";
+  notice.setAttribute("role", "alert");
+  notice.hidden = true;
+
+  const drawnFrames = () => view?.scene?.__r3f?.root?.getState().gl.info.render.frame ?? 0;
+
+  function suspect(cause) {
+    suspicion ??= { cause, frames: drawnFrames(), checks: 0 };
+  }
+
+  function showNotice(text) {
+    if (!notice.hidden) return;
+    const button = document.createElement("button");
+    button.type = "button";
+    button.textContent = "Reload the view";
+    button.addEventListener("click", () => location.reload());
+    const message = document.createElement("p");
+    message.textContent = text;
+    notice.replaceChildren(message, button);
+    notice.hidden = false;
+    document.body.append(notice);
+  }
+
+  window.addEventListener("error", ({ message }) => message && suspect(message));
+  window.addEventListener("unhandledrejection", ({ reason }) => suspect(String(reason?.message ?? reason)));
+  window.addEventListener("webglcontextlost", () => suspect("the graphics context was lost"), true);
+  setPageInterval(() => {
+    if (document.visibilityState !== "visible") return;
+    if (stuck.missing && ++stuck.checks > STUCK_CHECKS) showNotice(`Loading has stopped: ${stuck.count - stuck.missing} of ${stuck.count} bodies have their shapes.`);
+    if (!suspicion) return;
+    if (drawnFrames() > suspicion.frames) {
+      suspicion = null;
+      notice.hidden = true;
+      return;
+    }
+    view?.requestRender();
+    if (++suspicion.checks >= MAX_SILENT_CHECKS) showNotice(`The 3D view has stopped: ${suspicion.cause}`);
+  }, CHECK_MS);
+
+  // Reports how many bodies lack a mesh; without progress, and without messages that may bring them, the view is stuck.
+  function reportMissing(missing, count) {
+    if (missing === stuck.missing) return;
+    if (stuck.checks > STUCK_CHECKS) notice.hidden = true;
+    stuck = { missing, count, checks: 0 };
+  }
+
   let resolveView;
   const viewReady = new Promise((resolve) => {
     resolveView = resolve;
   });
 
-  function attach(view) {
+  function attach(attached) {
+    view = attached;
+    let isBounded = false;
+    let isReplayed = false;
     // viser takes each batch out of its queue with `splice` before it handles it.
     view.messageQueue.splice = (...range) => {
+      if (!isBounded) boundCopies(view);
+      isBounded = true;
       if (view.firstMessageBatch) {
+        isReplayed = false;
         waiting.clear();
         for (const callback of resetCallbacks) callback();
       }
       const messages = Array.prototype.splice.apply(view.messageQueue, range);
+      if (messages.length && !isReplayed) stuck.checks = 0;
       if (messages.some(({ type }) => !type.includes("Camera"))) for (const callback of changeCallbacks) callback();
+      isReplayed ||= messages.some(({ type }) => type === "ReplayDoneMessage");
       if (messages.some(({ type }) => type === "ReplayDoneMessage")) for (const callback of replayCallbacks) callback();
       return messages.filter(receive);
     };
@@ -96,11 +181,11 @@
   Object.defineProperty(window, "__viserMutable", {
     configurable: true,
     get: () => undefined,
-    set: (view) => {
-      Object.defineProperty(window, "__viserMutable", { configurable: true, writable: true, value: view });
-      attach(view);
+    set: (mutable) => {
+      Object.defineProperty(window, "__viserMutable", { configurable: true, writable: true, value: mutable });
+      attach(mutable);
     },
   });
 
-  window.mindstageHooks = { beforeFrames, changeCallbacks, handlers, replayCallbacks, resetCallbacks, viewReady };
+  window.mindstageHooks = { beforeFrames, changeCallbacks, handlers, replayCallbacks, reportMissing, resetCallbacks, viewReady };
 }
