@@ -336,16 +336,12 @@ def test_what_a_disconnected_client_moved_is_a_step_of_its_own(
     with connect_page_client(page.url) as other:
         wait_until(lambda: other.latest_value("scene_tree"), "the scene tree is received")
         other.ask("move_joint", id="DrawerSlide", axis="x", value=-0.1, done=False)
-        client.ask("move_joint", id="FridgeHinge", axis="swing1", value=-0.2, done=False)
     wait_until(lambda: len(page.channel.sessions) == 1, "the other client is gone")
-    client.ask("move_joint", id="FridgeHinge", axis="swing1", value=-0.3)
+    client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.2, done=False)
     client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.65)
     client.ask("undo")
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.85), "where the other client has left it"
-    client.ask("undo")
-    assert at(physics_simulation, BodyId("FridgeDoor"))[:2] == pytest.approx((1.68, 1.0)), "the motions of one drag"
-    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.85)
     client.ask("undo")
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95)
 
