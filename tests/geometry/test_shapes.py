@@ -308,7 +308,7 @@ def test_invalid_parameters_raise_an_error(parameters: dict[str, object], words:
     "size", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, float("nan")), (1.0, float("inf"), 1.0)]
 )
 def test_an_invalid_size_raises_an_error(size: tuple[float, float, float]) -> None:
-    with pytest.raises((InvalidShapeError, NumberRefusedError), match="its size is|size .*: it must be"):
+    with pytest.raises((InvalidShapeError, NumberRefusedError), match=r"its size is|size .*: it must be"):
         build_geometry(template_by_name("box"), size)
 
 
