@@ -154,6 +154,7 @@ def test_the_python_about_godot_runs(godot: Path, tmp_path: Path, monkeypatch: p
 
 
 RECIPES = {
+    "def open": "from __future__ import annotations\nfrom mindstage.simulation import JointMotion\n",
     "def supported_by": "from mindstage.knowledge.queries.spatial import *\n"
     "from collections.abc import Iterator\n"
     "from mindstage.knowledge.questions import *\n",

@@ -31,7 +31,7 @@ def test_help_loads_no_heavy_library(args: list[str]) -> None:
         "try: main()\n"
         "except SystemExit as end: assert end.code == 0, end.code"
     )
-    assert not loaded_by(code) & (HEAVY | {"msgspec"})
+    assert not loaded_by(code) & HEAVY
 
 
 @pytest.mark.parametrize(

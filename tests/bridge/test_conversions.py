@@ -170,7 +170,7 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__
-    local = {"statistics", "fork", "contacts", "scale dynamics"}
+    local = {"statistics", "fork", "contacts", "scale dynamics", "save bodies"}
     assert {ability.value for ability in Capability} - local == {"save", "joints", "actuators"}
 
 

@@ -102,7 +102,7 @@ def test_a_robot_is_served_with_the_map(write_map: WriteMap) -> None:
         (["--host", "0.0.0.0", "--port", "0"], "give a token"),
         (["--port", "99999"], "99999"),
         (["--namespace", "no name"], "is not a valid ROS name"),
-        (["--worlds", "/nowhere/at/all"], "is not a folder"),
+        (["--worlds", "/dev/null/at/all"], "is not a folder"),
         (["nothing.owl"], "nothing.owl"),
     ],
 )

@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import Capability, MujocoEngine, NullEngine, RemoteEngine, connect
 from mindstage.engines.remote import RemoteProfile, RemoteUrl
-from mindstage.errors import BodyNotFoundError, EngineUnavailableError, MessageValidationError, PoseUnreachableError
+from mindstage.errors import (
+    BodyNotFoundError,
+    EngineUnavailableError,
+    MessageValidationError,
+    NumberRefusedError,
+    PoseUnreachableError,
+)
 from mindstage.scene import (
     AxisMotion,
     Body,
@@ -243,9 +249,9 @@ def test_numbers_that_json_cannot_express_change_nothing(engine: RemoteEngine) -
     mug = BodyId("mug")
     with pytest.raises(PoseUnreachableError, match="not finite"):
         engine.set_pose(mug, Pose((NAN, 0, 0)))
-    with pytest.raises(MessageValidationError, match="force"):
+    with pytest.raises(NumberRefusedError, match="force"):
         engine.apply_force(mug, (NAN, 0, 0))
-    with pytest.raises(MessageValidationError, match="duration_s"):
+    with pytest.raises(NumberRefusedError, match="duration_s"):
         engine.step(NAN)
     assert diff(room(), engine.snapshot()).identical(0.0)
 

@@ -234,7 +234,7 @@ STREAMS: list[FakeStream] = []
 
 
 @pytest.fixture
-def stream(monkeypatch: pytest.MonkeyPatch) -> Any:
+def stream(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     """Writes an episode with a stand-in for rerun, whose wheel has 170 MB; returns what was logged."""
     module: Any = ModuleType("rerun")
     module.RecordingStream = FakeStream
@@ -245,7 +245,7 @@ def stream(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setitem(sys.modules, "rerun", module)
 
     def write(recording: FrameRecording) -> list[tuple[float | None, str, Any]]:
-        write_rrd(recording, "unused.rrd")
+        write_rrd(recording, tmp_path / "unused.rrd")
         return STREAMS.pop().log_of
 
     return write

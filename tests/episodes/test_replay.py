@@ -106,7 +106,7 @@ def test_a_step_beyond_the_end_shows_the_end(replay: EpisodeReplay) -> None:
     assert replay.state.time_s == 4.0
 
 
-@pytest.mark.parametrize("time_s", [-0.01, 4.01, float("nan")])
+@pytest.mark.parametrize("time_s", [-0.01, 4.01, 1e9])
 def test_a_time_outside_of_the_recording_is_refused(replay: EpisodeReplay, time_s: float) -> None:
     replay.seek(1.0)
     with pytest.raises(EpisodeTimeError, match="it lasts from 0 to 4 s"):

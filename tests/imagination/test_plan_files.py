@@ -36,7 +36,7 @@ from mindstage.imagination import (
 from mindstage.scene import Mobility, Pose
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False) | st.integers(-10, 10).map(float)
-positive = st.floats(1e-3, 1e6)
+positive = st.floats(1e-3, 3600.0)
 durations = st.floats(1e-3, 3600.0)
 vectors = st.tuples(numbers, numbers, numbers)
 # YAML's words for truth values, numbers and nothing are names, too.

@@ -97,7 +97,7 @@ def test_a_cluster_gives_the_verdict_of_this_process_and_loses_nothing_with_a_no
 
 
 def test_a_deadline_holds_on_a_cluster(sim: Simulation, cluster: Any) -> None:
-    endless = Plan(steps=(Wait(duration_s=1e6, deadline_s=1e7),), deadline_s=1e7, uncertainty=NEAR_EDGE.uncertainty)
+    endless = Plan(steps=(Wait(duration_s=3600.0, deadline_s=1e7),), deadline_s=1e7, uncertainty=NEAR_EDGE.uncertainty)
     with RayExecutor() as executor:
         verdict = imagine(sim, endless, samples=100_000, budget_s=2.0, workers=executor)
     assert verdict.outcome is Outcome.UNKNOWN

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import mindstage as ms
-from mindstage.errors import ImaginationError, PlanError
+from mindstage.errors import ImaginationError, NumberRefusedError, PlanError
 from mindstage.imagination import (
     Check,
     EventKind,
@@ -47,7 +47,7 @@ NEAR_EDGE = Plan(
     uncertainty=(Uncertainty(thing="box", position_m=(0.02, 0.0, 0.0), yaw_rad=0.3, mass=0.1),),
 )
 ENDLESS = Plan(
-    steps=(Wait(duration_s=1e6, deadline_s=1e7),),
+    steps=(Wait(duration_s=3600.0, deadline_s=1e7),),
     deadline_s=1e7,
     uncertainty=(Uncertainty(thing="box", mass=0.1),),
 )
@@ -451,8 +451,8 @@ def where_is(**options: object) -> Check:
         (NEAR_EDGE, {"check": where_is(args={"thing": "bx"})}, "check: .*bx"),
         (NEAR_EDGE, {"check": where_is(expect={"plce": "x"})}, r"check.expect: .*'plce'"),
         (NEAR_EDGE, {"uncertainty": [Uncertainty(thing="bok")]}, r"uncertainty\[1\].thing: .*'box'"),
-        (NEAR_EDGE, {"samples": 0}, "at least one sample"),
-        (NEAR_EDGE, {"workers": 0}, "at least one worker"),
+        (NEAR_EDGE, {"samples": 0}, "samples 0: it must be an integer from 1"),
+        (NEAR_EDGE, {"workers": 0}, "workers 0: it must be an integer from 1"),
         (NEAR_EDGE, {"workers": "cloud"}, "no executor is named 'cloud'"),
         ("steps:\n  - do: wait\n    duration_s: 1\nforbid: [fel]\n", {}, r"the plan:4: forbid\[0\]: .*'fell'"),
     ],
@@ -460,7 +460,7 @@ def where_is(**options: object) -> Check:
 def test_bad_input_is_named_before_anything_runs(
     sim: Simulation, plan: Plan | str, options: dict[str, Any], message: str
 ) -> None:
-    with pytest.raises((PlanError, ImaginationError), match=message):
+    with pytest.raises((PlanError, ImaginationError, NumberRefusedError), match=message):
         imagine(sim, plan, **options)
 
 

@@ -336,16 +336,12 @@ def test_what_a_disconnected_client_moved_is_a_step_of_its_own(
     with connect_page_client(page.url) as other:
         wait_until(lambda: other.latest_value("scene_tree"), "the scene tree is received")
         other.ask("move_joint", id="DrawerSlide", axis="x", value=-0.1, done=False)
-        client.ask("move_joint", id="FridgeHinge", axis="swing1", value=-0.2, done=False)
     wait_until(lambda: len(page.channel.sessions) == 1, "the other client is gone")
-    client.ask("move_joint", id="FridgeHinge", axis="swing1", value=-0.3)
+    client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.2, done=False)
     client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.65)
     client.ask("undo")
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.85), "where the other client has left it"
-    client.ask("undo")
-    assert at(physics_simulation, BodyId("FridgeDoor"))[:2] == pytest.approx((1.68, 1.0)), "the motions of one drag"
-    assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.85)
     client.ask("undo")
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95)
 
@@ -537,10 +533,10 @@ def _with_mesh(world: World, mesh: str) -> World:
 @pytest.mark.parametrize(
     ("method", "arguments", "text"),
     [
-        ("play", {"speed": 1e308}, "speed 1e+308: it must be a number from 0 to 1000"),
-        ("play", {"speed": -1.0}, "speed -1.0: it must be a number from 0 to 1000"),
-        ("step", {"duration_s": 1e308}, "step duration 1e+308: it must be a number from 0 to 3600 s"),
-        ("step", {"duration_s": -0.1}, "step duration -0.1: it must be a number from 0 to 3600 s"),
+        ("play", {"speed": 1e308}, "Expected `float` <= 1000.0 - at `$.speed`"),
+        ("play", {"speed": -1.0}, "Expected `float` >= 0.0 - at `$.speed`"),
+        ("step", {"duration_s": 1e308}, "Expected `float` <= 3600.0 - at `$.duration_s`"),
+        ("step", {"duration_s": -0.1}, "Expected `float` >= 0.0 - at `$.duration_s`"),
     ],
 )
 def test_a_page_gets_the_range_of_a_refused_number(

@@ -280,6 +280,11 @@ WINDOW = _limit(
     "a page shows none of them before all have arrived",
     excess=Excess.SLOWED,
 )
+VIEW_NUMBER = _limit(
+    "number in a message of the 3D view",
+    1e9,
+    "positions [m], pixels and angles [rad] are far smaller; larger ones overflow in what is computed from them",
+)
 COOKIE_AGE = _limit("age of the cookie of a page", 30 * 24 * 3600, "a token is entered again once a month", unit="s")
 MAP_CHARACTERS = _limit("characters of a map that the page loads", 20_000_000, "ten times the largest known map")
 NEW_BODY_TIME = _limit(

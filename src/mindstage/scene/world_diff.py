@@ -533,7 +533,7 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
             kinds: compare only these kinds, such as `MECHANICAL_KINDS`; objects in only one world always count.
 
         Raises:
-            ValueError: the tolerance is negative or NaN.
+            NumberRefusedError: the tolerance is negative or not finite.
         """
         return not (self.only_in_a or self.only_in_b or self.exceeding(tolerance, kinds=kinds))
 
@@ -544,10 +544,8 @@ class WorldDiff(msgspec.Struct, frozen=True, kw_only=True):
         """Returns the changes that exceed a tolerance; see `identical` for the arguments.
 
         Raises:
-            ValueError: the tolerance is negative or NaN.
+            NumberRefusedError: the tolerance is negative or not finite.
         """
-        if not tolerance >= 0.0:
-            raise ValueError(f"invalid tolerance {tolerance}; give 0 or more")
         return tuple(
             change
             for change in self.changed

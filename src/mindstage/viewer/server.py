@@ -48,6 +48,7 @@ from mindstage.access.limits import (
     DEFAULT_VISITOR_LIMITS,
     HANDSHAKE,
     UNSENT_EVENTS,
+    VIEW_NUMBER,
     WINDOW,
     RpcLimits,
     VisitorLimits,
@@ -158,8 +159,6 @@ _infra: Any = _viser  # imported by viser, but not exported
 ConnectionClosed: type[Exception] = _infra.websockets.exceptions.ConnectionClosed
 _serve = _infra.websockets.asyncio.server.serve
 _patch_lock = threading.Lock()
-_MAX_VIEW_NUMBER = 1e9
-"""Numbers in messages of 3D views are smaller: positions [m], pixels and angles [rad]."""
 _handshake_log = logging.getLogger("mindstage.viewer.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes appear only if logging is configured
 
@@ -307,7 +306,7 @@ def _check_numbers(values: Iterable[object]) -> None:
     for value in values:
         if isinstance(value, (list, tuple)):
             _check_numbers(value)
-        elif isinstance(value, (int, float)) and not abs(value) < _MAX_VIEW_NUMBER:
+        elif isinstance(value, (int, float)) and not abs(value) <= VIEW_NUMBER.maximum:
             raise ValueError(f"{value} is out of range")
 
 

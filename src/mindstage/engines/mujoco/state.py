@@ -22,6 +22,7 @@ from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
 from mindstage.errors import EngineError
+from mindstage.ranges import Count, checked
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
@@ -137,7 +138,8 @@ class CompiledModel:
         result.data = copy.copy(self.data)
         return result
 
-    def step(self, count: int) -> None:
+    @checked
+    def step(self, count: Count) -> None:
         """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
 
         The result is the same as with an arena that was large from the beginning.
