@@ -420,6 +420,7 @@ class RosbridgeServer:
             self.port = next(iter(self._sockets.sockets)).getsockname()[1]
             if cause is not None:
                 _log.warning("%s", moved_text("the rosbridge", default=self._ports[0], port=self.port))
+            self._ports = (self.port,)  # clients connect again there if the server is started again
             return
         text = unavailable_text(cause, self._ports[0]) if isinstance(cause, OSError) else str(cause)
         raise BridgeUnavailableError(self.host, self._ports[0], cause=text) from cause

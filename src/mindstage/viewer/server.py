@@ -608,7 +608,10 @@ class RpcChannel:
         loop = asyncio.get_running_loop()
         reply = await loop.run_in_executor(self._executor, self._run_handler, session, request)
         while isinstance(reply, Later):
-            await asyncio.wait([asyncio.wrap_future(reply.future)])
+            answer = asyncio.wrap_future(reply.future)
+            # The reply has its exception; asyncio reports one that nobody reads.
+            answer.add_done_callback(lambda done: done.cancelled() or done.exception())
+            await asyncio.wait([answer])
             reply = await loop.run_in_executor(self._executor, self._run_handler, session, request, reply)
         return reply
 
