@@ -318,7 +318,8 @@ def test_the_state_of_a_robot_follows_its_joints_its_gripper_and_its_base(
 ) -> None:
     start = robot_state(viewer, fake)
     assert start["positions"].keys() == robot.joint_positions().keys()
-    assert (start["held"], start["skill"]) == ({}, None)
+    assert start["held"] == {}
+    assert start["skill"] is None or start["skill"]["state"] == "done"  # of a test before this one
     assert start["base"] == pytest.approx((*START, 0.0), abs=0.01)
     fake.ask("robots.move_joint", robot=NAME, joint="head_pan_joint", position=0.6)
     fake.ask("robots.grip", robot=NAME, gripper="gripper", opening_m=0.08)

@@ -135,7 +135,7 @@ def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates)
         (("--tls-cert", "none.pem"), "none.pem cannot be used: No such file"),
         (("--limit", "speed=1"), "there is no limit 'speed'; the limits are connections, messages_per_second"),
         (("--limit", "connections=many"), "write NAME=NUMBER"),
-        (("--limit", "connections=0"), "connections must be positive"),
+        (("--limit", "connections=0"), "Expected `int` >= 1 - at `$.connections`"),
         (("--tls-ca", "ca.pem"), "it requires --connect"),
     ],
 )
