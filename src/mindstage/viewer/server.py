@@ -35,7 +35,7 @@ from contextlib import contextmanager, redirect_stdout
 from contextvars import copy_context
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
@@ -65,7 +65,6 @@ from mindstage.errors import (
     RequestLimitError,
     ViewerUnavailableError,
 )
-from mindstage.ranges import Index
 from mindstage.simulation.observation import as_client
 from mindstage.unicode_json import encode_json
 from mindstage.viewer.http import (
@@ -421,7 +420,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
-    id: Index
+    id: Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
     method: str
     arguments: msgspec.Raw = msgspec.Raw(b"{}")
 
