@@ -128,6 +128,7 @@ def test_a_view_of_many_kitchens_shows_all_bodies_although_its_frames_are_late(
         page.mouse.down()
         for step in range(8):
             page.mouse.move(x + 12 * step, y)
+            page.wait_for_timeout(100.0)  # frames are late: a faster drag may end before the first one
         page.mouse.up()
         wait_until(lambda: tab.camera != camera, "the camera has orbited")
         wait_until(lambda: np.any(tab.pixels() != before), "the view is drawn from there")
