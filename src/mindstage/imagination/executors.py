@@ -233,8 +233,6 @@ class WorkerPoolExecutor:
         Args:
             workers: number of processes; None for one per CPU core.
         """
-        if workers is not None and workers < 1:
-            raise ValueError(f"a pool has at least one worker, not {workers}")
         self._size = workers or os.cpu_count() or 1
         self._workers: list[_WorkerProcess] = []
         self._events: SimpleQueue[tuple[_WorkerProcess, _Reply | None]] = SimpleQueue()

@@ -277,8 +277,6 @@ def imagine(
     given = plan.plan if isinstance(plan, PlanFile) else plan
     stated = stated_uncertainty(simulation)
     plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.uncertainty, *uncertainty))
-    if samples < 1:
-        raise ImaginationError(f"a verdict needs at least one sample, not {samples}")
     validate_plan(plan, simulation, place=str if file is None else file.place)
     plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
     image = SimulationImage.capture(simulation)

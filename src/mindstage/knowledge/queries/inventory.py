@@ -8,7 +8,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, missing_instance, source_text
 from mindstage.knowledge.queries.proximity import (
@@ -377,8 +376,6 @@ def similar_to(
         similar_to plate_1 count=3
     """
     limit = _SIMILAR_COUNT if count is None else count
-    if limit < 1:
-        raise InvalidArgumentError("count", cause=f"{limit} is not a number of answers", remedy="it is at least 1")
     if thing is None:
         return
     states_now = [(state, state.map_of_body()) for state in present.states()]

@@ -589,8 +589,6 @@ def nearest(
     if thing is None and position is None:
         return
     limit = 1 if count is None else count
-    if limit < 1:
-        raise InvalidArgumentError("count", cause=f"{limit} is not a number of answers", remedy="it is at least 1")
     for bodies in placed_states(present, map):
         yield from _neighbors(kb, bodies, thing, position, cls, limit)
 

@@ -12,7 +12,6 @@ from itertools import permutations
 
 import numpy as np
 
-from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, restriction_line, source_text, subclass_line
 from mindstage.knowledge.owl import named_classes
@@ -415,8 +414,6 @@ def free_place(
     if support is None or (thing is None and cls is None):
         return
     limit = 1 if count is None else count
-    if limit < 1:
-        raise InvalidArgumentError("count", cause=f"{limit} is not a number of places", remedy="it is at least 1")
     for bodies in placed_states(present, map):
         item = _item(kb, bodies, thing, cls)
         row = bodies.row_of(support)
