@@ -84,6 +84,7 @@
     │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
     ├── RendererUnavailableError        a library that a renderer needs is not installed (exit code 2)
     ├── CacheError                      the cache directory cannot be written (exit code 2)
+    ├── ExtensionError                  something that an installed package adds cannot be loaded (exit code 2)
     ├── RequestLimitError               a request of a client that is too large, or one too many (exit code 2)
     ├── InvalidRequestError             invalid request from the page (exit code 2)
     └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
@@ -130,6 +131,7 @@ __all__ = [
     "EpisodeError",
     "EpisodeFileError",
     "EpisodeTimeError",
+    "ExtensionError",
     "FailureResponseError",
     "HistoryChangedError",
     "ImaginationError",
@@ -1355,6 +1357,18 @@ class CacheError(MindstageError):
     template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
     folder: str
     _: KW_ONLY
+    cause: str
+
+
+@dataclass(eq=False, repr=False)
+class ExtensionError(MindstageError):
+    """What a package adds by an entry point cannot be loaded."""
+
+    template = "{name}, an entry point {group} of {package}, cannot be loaded: {cause}"
+    name: str
+    _: KW_ONLY
+    group: str
+    package: str
     cause: str
 
 

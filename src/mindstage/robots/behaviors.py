@@ -6,8 +6,8 @@ from collections.abc import Generator
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillOutcome, SkillResult, SkillStep
+from mindstage.robots.skills.performance import start_skill
 
 try:
     from py_trees.behaviour import Behaviour

@@ -31,8 +31,15 @@ from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.catalog import SKILLS, start_skill
-from mindstage.robots.skills.declaration import ParameterType, SkillParameter, SkillResult, SkillSpec, SkillStep
+from mindstage.robots.skills.declaration import (
+    ParameterType,
+    SkillParameter,
+    SkillResult,
+    SkillSpec,
+    SkillStep,
+    skill_specs,
+)
+from mindstage.robots.skills.performance import start_skill
 from mindstage.robots.standing import add_standing_robot
 from mindstage.scene import Vector
 from mindstage.scene.transforms import Array, normalize
@@ -421,7 +428,7 @@ class RobotHandler:
     def _offer(self, _: ClientSession, __: EmptyRequest) -> dict[str, object]:
         """The models that can be added, and the skills."""
         models = [{"name": each.name, "title": each.title} for each in list_models() if each.is_installed]
-        return {"models": models, "skills": [skill_form(spec) for spec in SKILLS.values()]}
+        return {"models": models, "skills": [skill_form(spec) for spec in skill_specs().values()]}
 
     def _add(self, session: ClientSession, request: AddRobotRequest) -> str:
         known = [each.name for each in list_models()]
