@@ -33,7 +33,7 @@ from mindstage.access.resources import is_outside_request
 from mindstage.errors import ExtensionError
 from mindstage.files import atomic_write, cache_dir, delete_least_recently_used
 
-__all__ = ["Extension", "Group", "added", "catalog", "extensions", "load_all", "problems"]
+__all__ = ["Extension", "Group", "added", "catalog", "extensions", "load_all", "problems", "reporting"]
 
 T = TypeVar("T")
 L = TypeVar("L")
@@ -157,7 +157,7 @@ def load_all(group: Group, kind: type[T]) -> dict[str, T]:
     """What the entry points of a group name, without those that cannot be loaded."""
     found: dict[str, T] = {}
     for name, each in extensions(group).items():
-        with _reporting():
+        with reporting():
             found[name] = each.load(kind)
     return found
 
@@ -171,7 +171,7 @@ _failures: dict[str, None] = {}
 
 
 @contextmanager
-def _reporting() -> Iterator[None]:
+def reporting() -> Iterator[None]:
     """In the context, an `ExtensionError` is logged, once, instead of being raised."""
     try:
         yield
@@ -199,7 +199,7 @@ def catalog(group: Group, loaded: type[L], describe: Callable[[L], T], kind: typ
         count, found = len(known), {}
         for name, each in extensions(group).items():
             kept = known if each.value is None else {}
-            with _reporting(), each.failing():
+            with reporting(), each.failing():
                 if name not in kept:
                     kept[name] = describe(each.load(loaded))
                 found[name] = kept[name]
