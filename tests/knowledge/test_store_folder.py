@@ -13,12 +13,14 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import InvalidArgumentError, SourceParseError, StoreError
-from mindstage.knowledge import Finding, KnowledgeBase, bundled_kitchen, bundled_ontology
-from mindstage.knowledge.io import sources as library
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import list_questions
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.store import OxigraphStore
-from tests.knowledge.maps import body_turtle, individual, room_map
+from mindstage.maps import bundled_kitchen, bundled_ontology
+from mindstage.maps.io import sources as library
+from mindstage.rdf import Finding
+from mindstage.rdf.graphs import local_name
+from tests.maps.small_maps import body_turtle, individual, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, world_cache
-from mindstage.knowledge.dialects import registry
-from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, UnitConventions
-from mindstage.knowledge.rdf import Finding, Severity
+from mindstage.knowledge import KnowledgeBase, world_cache
 from mindstage.knowledge.world_cache import WorldCache, WorldReading
+from mindstage.maps import bundled_kitchen
+from mindstage.maps.dialects import registry
+from mindstage.maps.dialects.conventions import Handedness, LengthUnit, UnitConventions
+from mindstage.rdf.graphs import Finding, Severity
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 
 MAP = """<?xml version="1.0"?>
