@@ -23,7 +23,7 @@ from benchmarks import REPEATS, Measure
 # No heavy imports: the peak memory of a process includes that of its parent at the fork.
 
 SHARED = Path(os.environ.get("MINDSTAGE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
-BUNDLED = Path(mindstage.__file__).parent / "knowledge" / "bundled"
+BUNDLED = Path(mindstage.__file__).parent / "maps" / "bundled"
 
 LOAD_OURS = """
 import sys, time

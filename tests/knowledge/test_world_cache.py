@@ -185,7 +185,7 @@ def test_a_changed_program_does_not_use_entries_of_the_old_one(
     source = Path(world_cache.__file__).parents[1]
     copy = tmp_path / "mindstage"
     shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__", "bundled", "viewer"))
-    os.utime(copy / "knowledge" / "dialects" / "semlog.py")
+    os.utime(copy / "maps" / "dialects" / "semlog.py")
     monkeypatch.setattr(world_cache, "__file__", str(copy / "knowledge" / "world_cache.py"))
     world_cache._program.cache_clear()
     open_map().world()
