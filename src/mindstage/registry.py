@@ -273,7 +273,7 @@ def _installed() -> _Installed:
                 found.problems.append(f"{shown}: {access!r} is no access class; there is {', '.join(Access)}")
                 access = None
             found.extensions[group][name] = Extension(
-                group, name, match["module"], match["name"], package, access and Access(access)
+                group, name, match["module"], match["name"], package, None if access is None else Access(access)
             )
     for group, unsorted in found.extensions.items():
         found.extensions[group] = dict(sorted(unsorted.items()))
@@ -297,7 +297,11 @@ def _declared() -> Iterator[tuple[str, Group, str, str]]:
         declared = loads(_CHECKOUT.read_text(encoding="utf-8"))["project"]["entry-points"]
         yield from ((_OWN, group, *each) for group in Group for each in declared.get(group, {}).items())
     found = entry_points()
-    listed = [(each.dist.name, group, each.name, each.value) for group in Group for each in found.select(group=group)]
+    listed = [
+        (each.dist.name if each.dist else "", group, each.name, each.value)
+        for group in Group
+        for each in found.select(group=group)
+    ]
     for package, group, name, reference in sorted(listed, key=lambda each: (each[0] != _OWN, each[0])):
         if not (in_checkout and package == _OWN):
             yield package, group, name, reference

@@ -36,7 +36,7 @@ from mindstage.knowledge.questions import (
     list_questions,
     question_names,
 )
-from mindstage.knowledge.rdf import PREFIXES, local_name
+from mindstage.rdf.graphs import PREFIXES, local_name
 from mindstage.registry import Group, catalog, extensions
 from mindstage.scene import Iri
 
