@@ -33,7 +33,7 @@ from mindstage.access.resources import is_outside_request
 from mindstage.errors import ExtensionError
 from mindstage.files import atomic_write, cache_dir, delete_least_recently_used
 
-__all__ = ["Extension", "Group", "added", "catalog", "extensions", "load_all", "problems", "reporting"]
+__all__ = ["Extension", "Group", "added", "catalog", "extensions", "fingerprint", "load_all", "problems", "reporting"]
 
 T = TypeVar("T")
 L = TypeVar("L")
@@ -57,9 +57,9 @@ class Group(StrEnum):
     ENGINES = "mindstage.engines"
     """Each is an `mindstage.engines.EngineFactory`."""
     DIALECTS = "mindstage.dialects"
-    """Each is a `Dialect` of maps."""
+    """Each is a `mindstage.maps.dialects.source_map.Dialect`."""
     FORMATS = "mindstage.formats"
-    """Each is a `mindstage.saving.WorldFormat`."""
+    """Each is a `mindstage.maps.io.formats.WorldFormat`."""
     VERBS = "mindstage.verbs"
     """Each is a function whose signature is that of the command; NAME.VERB is a verb of the group NAME."""
     SENSORS = "mindstage.sensors"
@@ -125,7 +125,7 @@ class Extension(msgspec.Struct, frozen=True):
 
 
 def extensions(group: Group) -> Mapping[str, Extension]:
-    """The entry points of a group by name, sorted; for the request of a client of a port those that are offered."""
+    """The entry points of a group by name, those of Mindstage first; for a client of a port those that are offered."""
     found = _installed().extensions[group] | _added.get(group, {})
     if is_outside_request():
         return {name: each for name, each in found.items() if each.is_offered}
@@ -159,6 +159,19 @@ def load_all(group: Group, kind: type[T]) -> dict[str, T]:
     for name, each in extensions(group).items():
         with reporting():
             found[name] = each.load(kind)
+    return found
+
+
+def fingerprint(*groups: Group) -> list[tuple[str, str, str, tuple[int, int]]]:
+    """What the entry points of groups are: names, references, and the state of their modules in other packages."""
+    found = []
+    for each in (each for group in groups for each in extensions(group).values()):
+        file = ""
+        if each.package != _OWN and each.value is None:
+            with reporting():
+                each.load(object)
+            file = getattr(sys.modules.get(each.module), "__file__", None) or ""
+        found.append((each.name, f"{each.module}:{each.attribute}", file, _file_state(file)))
     return found
 
 
@@ -276,7 +289,7 @@ def _installed() -> _Installed:
                 group, name, match["module"], match["name"], package, None if access is None else Access(access)
             )
     for group, unsorted in found.extensions.items():
-        found.extensions[group] = dict(sorted(unsorted.items()))
+        found.extensions[group] = dict(sorted(unsorted.items(), key=lambda each: (each[1].package != _OWN, each[0])))
     for problem in found.problems:
         _log.warning("%s", problem)
     with suppress(OSError):

@@ -17,6 +17,7 @@ from mindstage.episodes.recording import (
     Recording,
 )
 from mindstage.episodes.tracking import DetectionThresholds
+from mindstage.knowledge.over_time import EpisodeAdapter, register_episode_adapter
 
 if TYPE_CHECKING:
     from mindstage.episodes.episode import Episode
@@ -54,3 +55,12 @@ def __getattr__(name: str) -> object:
     if name in _MODULES:
         return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _adapter() -> EpisodeAdapter:
+    from mindstage.episodes import history
+
+    return history
+
+
+register_episode_adapter(_adapter)

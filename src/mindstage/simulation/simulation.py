@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import msgspec
 from msgspec.structs import replace
@@ -47,8 +47,7 @@ from mindstage.knowledge.over_time import argument_names, ask_over_time, recorde
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
-from mindstage.lazy_names import registered_function
-from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
+from mindstage.ranges import Coordinate, Frequency, Point, Size, Time, checked
 from mindstage.rdf import SparqlResult
 from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
 from mindstage.scene.colors import color_from
@@ -60,8 +59,6 @@ from mindstage.simulation.highlights import HighlightResult, Highlights, Marker,
 from mindstage.simulation.imagined import (
     EditRecordingEngine,
     ForkOrigin,
-    TrialOptions,
-    TrialResult,
     commit_edits,
     copied_engine,
     without_bodies,
@@ -87,7 +84,7 @@ if TYPE_CHECKING:
     from mindstage.rendering.path_tracing import PathTracedPicture, PathTracingSettings
     from mindstage.robots.model import RobotModel
     from mindstage.robots.robot import Robot
-    from mindstage.saving import FileDialect, FileFormat
+    from mindstage.saving import FileDialect
 
 __all__ = ["Simulation"]
 
@@ -712,21 +709,6 @@ class Simulation:
         """
         return commit_edits(self._engine, self._origin)
 
-    @checked
-    def try_first(self, plan: object, *, at_least: Fraction = 0.9, **options: Unpack[TrialOptions]) -> TrialResult:
-        """Tries a plan in copies, and does it in this simulation only if it is probable enough; see `ms.try_first`.
-
-        Args:
-            plan: the plan, or the path or text of one.
-            at_least: the probability of success that the plan must have.
-            options: the other arguments of `ms.try_first`.
-
-        Raises:
-            PlanError: the plan does not fit the world; nothing was tried.
-        """
-        result: TrialResult = registered_function("Simulation.try_first")(self, plan, at_least=at_least, **options)
-        return result
-
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to make an equal copy; only copies without a thread can be pickled."""
         if not isinstance(self._thread, DirectCalls) or not isinstance(self._engine, EditRecordingEngine):
@@ -858,7 +840,7 @@ class Simulation:
         self,
         path: str | os.PathLike[str],
         *,
-        format: FileFormat | str | None = None,
+        format: str | None = None,
         dialect: FileDialect | str | None = None,
         assets: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
         plain_shapes: bool = False,
