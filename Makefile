@@ -82,9 +82,9 @@ corpus: .venv/run.stamp  ## try all maps of a folder and print a table: make cor
 kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py
 
-pictures: .venv/run.stamp  ## regenerate the documentation's screenshots of the viewer
+pictures: .venv/dev.stamp  ## regenerate the documentation's pictures of the viewer
 	@scripts/install_system.sh chromium:chromium $(opengl_packages)
-	@scripts/photograph_page.sh
+	@$(python) scripts/photograph_page.py
 
 pin:  ## pin the newest versions that pyproject.toml allows
 	@scripts/pin.sh

@@ -79,9 +79,6 @@
     │   ├── PrologUnavailableError      SWI-Prolog or pyswip is not installed, or in use
     │   ├── PrologGoalError             a syntax error, or an exception in the goal
     │   └── PrologTimeoutError          a goal did not finish in time
-    ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
-    │   ├── BrowserNotFoundError        not installed, or it does not start
-    │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
     ├── RendererUnavailableError        a library that a renderer needs is not installed (exit code 2)
     ├── CacheError                      the cache directory cannot be written (exit code 2)
     ├── RequestLimitError               a request of a client that is too large, or one too many (exit code 2)
@@ -112,9 +109,6 @@ __all__ = [
     "BodyNotFoundError",
     "BridgeError",
     "BridgeUnavailableError",
-    "BrowserCrashedError",
-    "BrowserError",
-    "BrowserNotFoundError",
     "CacheError",
     "CertificateError",
     "CommandRefusedError",
@@ -1298,40 +1292,6 @@ class ViewerUnavailableError(MindstageError):
     host: str
     port: int
     _: KW_ONLY
-    cause: str
-
-
-class BrowserError(MindstageError):
-    """A failure of the browser that renders pictures of the page."""
-
-
-@dataclass(eq=False, repr=False)
-class BrowserNotFoundError(BrowserError):
-    """No suitable browser is installed, or it does not start."""
-
-    code = "BrowserUnavailable"
-    template = "a browser is needed to take pictures: {cause}{hint}"
-    cause: str
-    _: KW_ONLY
-    searched: Iterable[str] = ()
-
-    def __post_init__(self) -> None:
-        self.searched = tuple(self.searched)
-
-    @property
-    def remedy(self) -> str:
-        """What can be installed, where names of programs were searched for."""
-        names = [name for name in self.searched if "/" not in name]
-        searched = f"install Chromium or Chrome, or name another with --browser; searched for {', '.join(names)}"
-        return searched if names else ""
-
-
-@dataclass(eq=False, repr=False)
-class BrowserCrashedError(BrowserError):
-    """The browser exited, returned an error, or did not reply in time."""
-
-    code = "BrowserBroken"
-    template = "the browser failed: {cause}; try again, or increase the timeout"
     cause: str
 
 

@@ -26,7 +26,7 @@ _EGL_ATTRIBUTES = (
     0x3038,
 )
 _GL_RGBA, _GL_UNSIGNED_BYTE = 0x1908, 0x1401
-_REMEDY = "install libegl1 and libgl1-mesa-dri (Debian, Ubuntu; or libosmesa6), or render in a browser with --page"
+_REMEDY = "install libegl1 and libgl1-mesa-dri (Debian, Ubuntu; or libosmesa6)"
 
 
 class OffscreenContext:

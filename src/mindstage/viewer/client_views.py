@@ -915,12 +915,6 @@ class ClientViews:
             if self._culling is not None:
                 view.cull(self._culling, self._highlighted, self._instances)
 
-    def wait_idle(self, *, timeout_s: float) -> bool:
-        """Waits until all actions enqueued so far are executed; False if that takes too long."""
-        done = threading.Event()
-        self._enqueue(done.set)
-        return done.wait(timeout_s)
-
     # -- internals -----------------------------------------------------------------------------------------------------
 
     def _enqueue(self, action: Callable[[], None]) -> None:
