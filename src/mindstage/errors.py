@@ -964,7 +964,7 @@ class RobotNotFoundError(RobotError):
 
 @dataclass(eq=False)
 class RobotLibraryError(RobotError):
-    """A library for inverse kinematics, motion planning or behavior trees is not installed."""
+    """A library for inverse kinematics or motion planning is not installed."""
 
     template = "{library} is not installed; install it with: pip install 'mindstage[{extra}]'"
 

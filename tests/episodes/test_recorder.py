@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -25,6 +26,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
+from tests.conftest import missing
 from tests.kitchenette import kitchenette
 
 
@@ -100,6 +102,30 @@ def test_every_message_is_read_by_two_other_programs(simulation: Simulation, tmp
     assert [(each.a, each.b, each.force_n) for each in contacts] == [
         (each.a, each.b or "", each.force_n) for each in live
     ]
+
+
+def test_rerun_opens_an_episode(simulation: Simulation, tmp_path: Path) -> None:
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.is_file():
+        missing("rerun is not installed (rerun-sdk)")
+    drop_the_mug(simulation, tmp_path / "run.mcap")
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        moves = [each for each in reader.connections if each.topic == "/tf"]
+        transforms = sum(
+            len(reader.deserialize(data, connection.msgtype).transforms)  # type: ignore[attr-defined]
+            for connection, _, data in reader.messages(moves)
+        )
+    convert = [rerun, "mcap", "convert", tmp_path / "run.mcap", "-o", tmp_path / "run.rrd"]
+    subprocess.run(convert, check=True, capture_output=True, timeout=120)
+    shown = subprocess.run([rerun, "rrd", "print", tmp_path / "run.rrd"], check=True, capture_output=True, timeout=120)
+    rows: dict[str, int] = {}
+    for count, name, columns in re.findall(
+        r"with (\d+) rows .* - (\S+) - data columns: \[(.*)\]", shown.stdout.decode()
+    ):
+        if "Transform3D:" in columns or "Scalars:" in columns:
+            rows[name] = rows.get(name, 0) + int(count)
+    assert rows["/tf"] == transforms > 10
+    assert rows["/joint_states/position"] > 0
 
 
 def test_only_what_moved_is_written(simulation: Simulation, tmp_path: Path) -> None:

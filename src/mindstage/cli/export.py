@@ -35,8 +35,6 @@ class ExportFormat(StrEnum):
     """One page that plays by itself."""
     CSV = "csv"
     """Poses, and events in a second file."""
-    RERUN = "rerun"
-    """A recording for rerun."""
     LEROBOT = "lerobot"
     """A dataset for LeRobot, version 3.0."""
 
@@ -47,7 +45,6 @@ _SUFFIXES = {
     ".ttl": ExportFormat.SEMLOG,
     ".html": ExportFormat.HTML,
     ".csv": ExportFormat.CSV,
-    ".rrd": ExportFormat.RERUN,
 }
 
 Files = Annotated[
@@ -64,7 +61,7 @@ Output = Annotated[
         "--out",
         "-o",
         metavar="PATH",
-        help="What is written: .neem, .owl or .ttl (SemLog), .html, .csv, .rrd; with --format any name.",
+        help="What is written: .neem, .owl or .ttl (SemLog), .html, .csv; with --format any name.",
         show_default=False,
     ),
 ]
@@ -122,7 +119,7 @@ Relative = Annotated[
 
 
 def export(files: Files, *, out: Output, format: Format = None, rate: Rate = 30.0, as_json: AsJson = False) -> ExitCode:
-    """Write an episode for another program: KnowRob, a browser, rerun, LeRobot, or a table.
+    """Write an episode for another program: KnowRob, a browser, LeRobot, or a table.
 
     What the format cannot express is listed.
     """
@@ -165,7 +162,7 @@ def _write(
     recordings: Sequence[Recording], out: Path, format: ExportFormat, rate: float
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Writes the file; returns all files that were written, and what is not in them."""
-    from mindstage.episodes.exports import write_csv, write_lerobot, write_rrd
+    from mindstage.episodes.exports import write_csv, write_lerobot
     from mindstage.episodes.neem import write_neem
     from mindstage.episodes.semlog import write_semlog
 
@@ -181,8 +178,6 @@ def _write(
             write_html(recording, out, rate_hz=rate)
         case ExportFormat.CSV:
             return write_csv(recording, out), ()
-        case ExportFormat.RERUN:
-            write_rrd(recording, out)
         case ExportFormat.LEROBOT:
             if rate != int(rate):
                 cause = f"LeRobot counts whole frames per second, {rate:g} is none"
