@@ -19,21 +19,12 @@ from typing import NamedTuple
 
 import pytest
 
-from mindstage import errors
-
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "mindstage"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 EVERYTHING = sorted(
     path for folder in ("src", "tests", "scripts", "benchmarks") for path in (ROOT / folder).rglob("*.py")
 )
-
-LONG_MODULES: dict[str, str] = {
-    "src/mindstage/knowledge/urdf/xacro_expressions.py": "one interpreter, with its table of functions and methods",
-    "src/mindstage/errors.py": "every exception class stands beside the others, and the docstring has the tree",
-    "src/mindstage/simulation/simulation.py": "one class: the calls of users, and the ticks between which they run",
-}
-"""Modules over 1,000 lines, each with the reason."""
 
 
 def shown(path: Path) -> str:
@@ -257,43 +248,6 @@ def test_a_wrong_name_in_the_package_is_an_attribute_error() -> None:
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-def documented_errors() -> dict[str, tuple[str | None, int | None]]:
-    """Name, parent and exit code of every error in the docstring of `errors`; a subclass has its parent's code."""
-    documented: dict[str, tuple[str | None, int | None]] = {}
-    branch: list[str] = []
-    for stem, name, rest in re.findall(
-        r"^    ((?:│   |    |├── |└── )*)(\w+)(.*)$", errors.__doc__ or "", re.MULTILINE
-    ):
-        del branch[len(stem) // 4 :]
-        parent = branch[-1] if branch else None
-        code = re.search(r"\(exit code (\d)\)", rest)
-        documented[name] = (parent, int(code[1]) if code else documented[parent][1] if parent else None)
-        branch.append(name)
-    return documented
-
-
-def test_the_documented_error_tree_is_the_class_tree() -> None:
-    classes = {
-        name: cls
-        for name, cls in inspect.getmembers(errors, inspect.isclass)
-        if cls.__module__.startswith(errors.__name__)
-    }
-    parents = {
-        name: base.__name__ if (base := cls.__base__) in classes.values() else None for name, cls in classes.items()
-    }
-    assert parents == {name: parent for name, (parent, _) in documented_errors().items()}
-    assert set(errors.__all__) == {*classes, "closest_names", "suggestion", "without_surrogates"}
-
-
-def test_the_command_line_uses_the_documented_exit_codes() -> None:
-    from mindstage.cli.options import exit_code
-
-    for name, (_, code) in documented_errors().items():
-        if code is not None:
-            error = getattr(errors, name).__new__(getattr(errors, name))
-            assert exit_code(error) == code, name
-
-
 def test_every_exception_class_ends_in_error() -> None:
     bases: dict[str, set[str]] = {}
     for path in SOURCES:
@@ -377,22 +331,7 @@ def test_no_two_public_classes_share_a_name() -> None:
     assert not {name: found for name, found in modules.items() if len(found) > 1}
 
 
-# -- sizes -------------------------------------------------------------------------------------------------------------
-
-
-def test_a_module_over_1000_lines_has_a_reason() -> None:
-    def check(path: Path) -> Iterator[str]:
-        lines = len(path.read_text(encoding="utf-8").splitlines())
-        if lines > 1000 and shown(path) not in LONG_MODULES:
-            yield f"{lines} lines without a reason in LONG_MODULES"
-
-    # Generated modules are not read: their definition files are.
-    assert not problems([path for path in EVERYTHING if path.parent.name != "_generated"], check)
-
-
-def test_every_reason_for_a_long_module_is_needed() -> None:
-    for name in LONG_MODULES:
-        assert len((ROOT / name).read_text(encoding="utf-8").splitlines()) > 1000, f"{name} is not long"
+# -- sizes and names ---------------------------------------------------------------------------------------------------
 
 
 def test_a_function_fits_on_a_screen() -> None:
