@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.options import DEFAULT_READING, AsJson, ExitCode, MapName, MapReading, close_at_end
+from mindstage.cli.options import DEFAULT_MAP, AsJson, ExitCode, MapChoice, close_at_end
 from mindstage.cli.output import print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base
 from mindstage.errors import InvalidArgumentError
@@ -191,11 +191,10 @@ def import_(
     *,
     out: EpisodeOutput,
     maps: Map = None,
-    map_name: MapName = None,
     body: BodyOfFrame = None,
     map_frame: MapFrame = None,
     relative: Relative = False,
-    reading: MapReading = DEFAULT_READING,
+    reading: MapChoice = DEFAULT_MAP,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Write a bag of ROS, or a NEEM, as an episode of a map, which can be asked and replayed.
@@ -207,7 +206,7 @@ def import_(
     bodies = _bodies(body or ())
     with progress_spinner(f"reading {bag}"):
         knowledge = knowledge_base(_maps(bag, maps), reading)
-        recording, immovable = _read(bag, knowledge, map_name, bodies, map_frame, relative)
+        recording, immovable = _read(bag, knowledge, reading.map_name, bodies, map_frame, relative)
         is_empty = not recording.matched and not recording.matched_joints
         if not is_empty:
             write_episode(recording, out, knowledge=knowledge, immovable=immovable, source=bag.name)

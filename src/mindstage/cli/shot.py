@@ -19,16 +19,12 @@ import typer
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     DEFAULT_PICTURE,
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     MapArguments,
-    MapName,
-    MapReading,
     PictureOptions,
-    PlainBoxes,
+    SpawnOptions,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -186,11 +182,7 @@ def shot(
     select: Selected = None,
     labels: LabelsOf = "none",
     imagined: Imagined = None,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
-    engine: EngineName = "mujoco",
+    options: SpawnOptions = DEFAULT_SPAWN,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Render a picture of a map; no display, GPU or browser is needed."""
@@ -206,11 +198,11 @@ def shot(
         **_camera_options(view.position, view.look_at, top=view.top),
     )
     plan = None if imagined is None else _load_plan(imagined)
-    targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(engine)
+    targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(options.engine)
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, reading)
-        world = knowledge.world(map_name)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
+        knowledge = knowledge_base(maps, options)
+        world = knowledge.world(options.map_name)
+    with simulation_from_options(knowledge, running, options) as sim, exclusive(sim):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)
