@@ -10,9 +10,10 @@ from typing import Any
 
 from generated import write_or_compare
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import Answers, Question, cell_text, list_questions
 from mindstage.knowledge.sentences import SentencePattern, sentence_patterns
+from mindstage.maps import bundled_kitchen
 
 __all__ = ["main"]
 

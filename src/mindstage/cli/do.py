@@ -14,13 +14,13 @@ import typer
 
 from mindstage.access.limits import Deadline as DeadlineNumber
 from mindstage.cli.attach import open_running, running_target
-from mindstage.cli.imagine import DEFAULT_TRIAL, TrialOptions, interruptible
+from mindstage.cli.imagine import DEFAULT_TRIAL, PlanTrial, interruptible
 from mindstage.cli.options import (
     DEFAULT_SPAWN,
     AsJson,
     ExitCode,
+    MapSpawning,
     Running,
-    SpawnOptions,
     Strict,
     Verbose,
 )
@@ -129,12 +129,12 @@ def do(
     at: At = None,
     plan: PlanOption = None,
     try_first: TryFirst = None,
-    trial: TrialOptions = DEFAULT_TRIAL,
+    trial: PlanTrial = DEFAULT_TRIAL,
     deadline: Deadline = 300.0,
     settle: SettleSeconds = 0.5,
     record: RecordFile = None,
     out: OutFile = None,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
     verbose: Verbose = False,
     as_json: AsJson = False,

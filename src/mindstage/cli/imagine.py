@@ -21,8 +21,8 @@ from mindstage.cli.options import (
     AsJson,
     ExitCode,
     MapArguments,
+    MapSpawning,
     OptionGroup,
-    SpawnOptions,
     Strict,
     Verbose,
 )
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
     from mindstage.simulation import Simulation
 
-__all__ = ["DEFAULT_TRIAL", "TrialOptions", "imagine", "interruptible"]
+__all__ = ["DEFAULT_TRIAL", "PlanTrial", "imagine", "interruptible"]
 
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
@@ -102,7 +102,7 @@ Uncertainties = Annotated[
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrialOptions(OptionGroup):
+class PlanTrial(OptionGroup):
     """The options of every verb that tries a plan in copies of a world."""
 
     samples: Samples = 100
@@ -122,7 +122,7 @@ class TrialOptions(OptionGroup):
         return {"uncertainty": deviations, **numbers}
 
 
-DEFAULT_TRIAL = TrialOptions()
+DEFAULT_TRIAL = PlanTrial()
 
 SettleTime = Annotated[
     WallTime,
@@ -145,14 +145,14 @@ def imagine(
     plan: PlanArgument,
     maps: MapArguments,
     *,
-    trial: TrialOptions = DEFAULT_TRIAL,
+    trial: PlanTrial = DEFAULT_TRIAL,
     threshold: Threshold = 0.9,
     width: Width = 0.1,
     check: CheckText = None,
     expect: Expected = None,
     settle: SettleTime = 0.0,
     picture: Picture = None,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
     verbose: Verbose = False,
     as_json: AsJson = False,

@@ -44,7 +44,7 @@ from mindstage.ranges import Port as PortNumber
 if TYPE_CHECKING:
     from enum import Enum
 
-    from mindstage.knowledge import UnitConventions
+    from mindstage.maps import UnitConventions
 
 __all__ = [
     "DEFAULT_MAP",
@@ -72,6 +72,7 @@ __all__ = [
     "MapName",
     "MapOptions",
     "MapReading",
+    "MapSpawning",
     "OptionGroup",
     "PictureOptions",
     "Port",
@@ -80,7 +81,6 @@ __all__ = [
     "ServerOptions",
     "ShapeOptions",
     "SinceTime",
-    "SpawnOptions",
     "StoreFolder",
     "Strict",
     "UntilTime",
@@ -576,7 +576,7 @@ class MapReading(OptionGroup):
         """
         from msgspec.structs import fields as struct_fields
 
-        from mindstage.knowledge import UnitConventions
+        from mindstage.maps import UnitConventions
 
         kinds = {field.name: get_args(field.type)[0] for field in struct_fields(UnitConventions)}
         given = {name: _by_map(f"--{name}", getattr(self, name), maps, kind) for name, kind in kinds.items()}
@@ -621,13 +621,13 @@ DEFAULT_SHAPES = ShapeOptions()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SpawnOptions(ShapeOptions):
+class MapSpawning(ShapeOptions):
     """The options of every verb that reads and spawns a map."""
 
     engine: EngineName = "mujoco"
 
 
-DEFAULT_SPAWN = SpawnOptions()
+DEFAULT_SPAWN = MapSpawning()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

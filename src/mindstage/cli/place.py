@@ -12,9 +12,9 @@ from mindstage.cli.options import (
     AsJson,
     ExitCode,
     MapArguments,
+    MapSpawning,
     Port,
     Seconds,
-    SpawnOptions,
     Strict,
     Verbose,
     WithViewport,
@@ -71,7 +71,7 @@ def place(
     *,
     items: Items,
     out: Out = None,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
     with_viewport: WithViewport = True,
     port: Port = None,
@@ -118,7 +118,7 @@ def _finish(
     simulation: Simulation, output: dict[str, object], placement: PlacementReport, out: Path | None, *, as_json: bool
 ) -> None:
     """Writes the world, if requested, and prints the output."""
-    from mindstage.knowledge import save_map
+    from mindstage.maps import save_map
 
     if out is not None:
         with progress_spinner("writing"):

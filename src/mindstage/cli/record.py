@@ -17,9 +17,9 @@ from mindstage.cli.options import (
     ExitCode,
     Ground,
     MapArguments,
+    MapSpawning,
     Port,
     ServerOptions,
-    SpawnOptions,
     Strict,
 )
 from mindstage.cli.output import (
@@ -69,7 +69,7 @@ def record(
     out: OutputFile,
     seconds: SimulatedSeconds = None,
     rate: Rate = 30.0,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
     ground: Ground = True,
     with_viewport: ServePage = False,

@@ -18,8 +18,8 @@ from mindstage.cli.options import (
     AsJson,
     ExitCode,
     MapArguments,
+    MapSpawning,
     PictureOptions,
-    SpawnOptions,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -143,7 +143,7 @@ def render(
     denoise: Denoise = True,
     exposure_ev: Exposure = 0.0,
     seed: Seed = 0,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Render a path-traced picture or film of a map, like a photograph; no display, GPU or browser is needed."""
@@ -307,7 +307,7 @@ class _Shooting:
 
 @contextmanager
 def _scene(
-    maps: Sequence[str], at: float | None, options: SpawnOptions
+    maps: Sequence[str], at: float | None, options: MapSpawning
 ) -> Iterator[tuple[Simulation, dict[str, object]]]:
     """A simulation of the map, or of a moment of an episode, and what JSON has of it.
 

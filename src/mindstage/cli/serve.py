@@ -19,8 +19,8 @@ from mindstage.cli.options import (
     LOCAL_SERVER,
     AsJson,
     ExitCode,
+    MapSpawning,
     ServerOptions,
-    SpawnOptions,
     options_given,
 )
 from mindstage.cli.output import (
@@ -171,7 +171,7 @@ def serve(
     worlds: Worlds = None,
     episodes: Episodes = None,
     added_robots: AddedRobots = None,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     paused: Paused = False,
     with_viewport: WithPage = False,
     page_port: PagePort = None,
@@ -236,7 +236,7 @@ def _check_options(
         raise InvalidArgumentError("--worlds", cause=f"{worlds} is not a folder")
 
 
-def _load_knowledge(maps: list[str] | None, options: SpawnOptions) -> tuple[KnowledgeBase, World | None]:
+def _load_knowledge(maps: list[str] | None, options: MapSpawning) -> tuple[KnowledgeBase, World | None]:
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps or [], options)
         return knowledge, knowledge.world(options.map_name) if maps else None
@@ -287,7 +287,7 @@ def _connect(url: str, token: str | None, authorities: Path | None, refused: lis
 
 
 def _spawn_map(
-    simulation: Simulation, world: World | None, options: SpawnOptions, *, as_json: bool
+    simulation: Simulation, world: World | None, options: MapSpawning, *, as_json: bool
 ) -> dict[str, object]:
     if world is None:
         return {"map": None}

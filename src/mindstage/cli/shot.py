@@ -23,8 +23,8 @@ from mindstage.cli.options import (
     AsJson,
     ExitCode,
     MapArguments,
+    MapSpawning,
     PictureOptions,
-    SpawnOptions,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -182,7 +182,7 @@ def shot(
     select: Selected = None,
     labels: LabelsOf = "none",
     imagined: Imagined = None,
-    options: SpawnOptions = DEFAULT_SPAWN,
+    options: MapSpawning = DEFAULT_SPAWN,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Render a picture of a map; no display, GPU or browser is needed."""
