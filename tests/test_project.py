@@ -336,6 +336,93 @@ def test_no_two_public_classes_share_a_name() -> None:
 # -- sizes and names ---------------------------------------------------------------------------------------------------
 
 
+UNITS = "BYTES CM DEG EV FPS HZ KG L LM LX M M2 M3 MB MIB MM MS N NM NS PX RAD S STOPS"
+DIMENSIONLESS = (
+    "ATTEMPTS BASES BISECTIONS CANDIDATES CELLS CHARACTERS CHUNKS CODES COLOR COLORS CORNERS COSINE COST COUNT DEPTH "
+    "DIGITS DIRECTIONS EDGES EPISODES EXPANSIONS FACES FACTOR FILES FINDINGS FRACTION FRACTIONS FRAMES GOALS GRASPS "
+    "GROUP HEADINGS IDS ITERATIONS JOINTS LAMPS LINES NAMES OPACITY PAIRS PARTS PIXELS POINTS POSES PROBES "
+    "RATIO REFINEMENTS REFUSALS REWARD SAMPLES SCALE SEGMENTS SHARE STEPS TAGS THREADS TRIALS VERSION WEIGHT WORDS "
+    "WORLDS"
+)
+"""Words in the names of constants, which say that it is a count, a fraction or another number without a unit."""
+
+
+def is_number(node: ast.expr) -> bool:
+    match node:
+        case ast.Constant(value=value):
+            return isinstance(value, int | float) and not isinstance(value, bool)
+        case ast.UnaryOp(operand=operand):
+            return is_number(operand)
+        case ast.BinOp(left=left, right=right):
+            return is_number(left) and is_number(right)
+        case ast.Tuple(elts=parts) | ast.List(elts=parts):
+            return bool(parts) and all(map(is_number, parts))
+    return False
+
+
+def numeric_constants(node: ast.stmt) -> list[str]:
+    """The constants with a numeric value that a statement assigns."""
+    match node:
+        case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
+            pairs = list(zip(targets, values, strict=False))
+        case ast.Assign(targets=[target], value=value) | ast.AnnAssign(target=target, value=ast.expr() as value):
+            pairs = [(target, value)]
+        case _:
+            return []
+    names = [each.id for each, value in pairs if isinstance(each, ast.Name) and is_number(value)]
+    return [name for name in names if name.strip("_").isupper()]
+
+
+def constants_without_unit(body: list[ast.stmt]) -> Iterator[str]:
+    """Constants that have neither a unit nor a dimensionless quantity in the name, nor a docstring.
+
+    A docstring that begins with "These are" is that of all constants in the lines directly above it.
+    """
+    block: list[str] = []
+    own = end = 0
+    for node in body:
+        names = numeric_constants(node)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield from () if node.value.value.startswith("These are") else block[: len(block) - own]
+            block = []
+        elif not (names and node.lineno == end + 1):
+            yield from block
+            block = []
+        block += names
+        own, end = len(names), node.end_lineno or 0
+        if isinstance(node, ast.ClassDef) and not any("Enum" in ast.unparse(base) for base in node.bases):
+            yield from constants_without_unit(node.body)
+    yield from block
+
+
+def test_a_numeric_constant_has_a_unit_or_says_what_it_counts() -> None:
+    def check(path: Path) -> Iterator[str]:
+        for name in constants_without_unit(syntax_tree(path).body):
+            if not {*UNITS.split(), *DIMENSIONLESS.split()} & {*name.strip("_").split("_")}:
+                yield name
+
+    assert not problems([path for path in SOURCES if path.parent.name != "_generated"], check)
+
+
+def test_constants_without_a_unit_are_found() -> None:
+    source = """
+_SPEED = 2.0
+_LENGTH_M = 2.0
+_WEIGHTED = 3
+\"\"\"A factor.\"\"\"
+
+
+_ONE, _TWO = 1, 2
+_THREE = 3
+\"\"\"These are codes.\"\"\"
+class Cup:
+    HEIGHT = 0.1
+class Code(IntEnum):
+    FULL = 1
+"""
+    assert [*constants_without_unit(ast.parse(source).body)] == ["_SPEED", "_LENGTH_M", "HEIGHT"]
+
+
 def test_a_function_fits_on_a_screen() -> None:
     def check(path: Path) -> Iterator[str]:
         for node in ast.walk(syntax_tree(path)):

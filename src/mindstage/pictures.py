@@ -31,6 +31,7 @@ __all__ = ["PICTURE_FORMATS", "encode_picture", "picture_format", "shot", "simul
 PICTURE_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 """The formats of picture files by suffix, by their names in Pillow."""
 _QUALITY = 90
+"""Of JPEG and WebP, a percentage."""
 _GHOST_OPACITY = 0.35
 
 

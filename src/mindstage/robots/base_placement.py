@@ -28,7 +28,7 @@ from mindstage.scene.transforms import Array, normalized_pose_array, pose_multip
 __all__ = ["BasePlacement", "find_base_poses", "reachable_region"]
 
 _DISTANCE_STEP_M = 0.1
-_BEARINGS = 16
+_BEARING_COUNT = 16
 _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 """Headings relative to that towards the targets, the preferred first."""
 _IK_ATTEMPTS = 4
@@ -136,8 +136,8 @@ class _Placing:
         order = sorted(distances, key=lambda each: abs(each - 0.6 * reach_m))
         found: list[tuple[float, tuple[float, float, float], float]] = []
         for ring, distance in enumerate(order):
-            for number in range(_BEARINGS):
-                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARINGS
+            for number in range(_BEARING_COUNT):
+                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARING_COUNT
                 px, py = float(middle[0] + distance * cos(bearing)), float(middle[1] + distance * sin(bearing))
                 length = self.floor.length_to(px, py)
                 if length is None:

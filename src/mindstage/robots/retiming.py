@@ -43,6 +43,7 @@ _MIN_SAMPLES = 33
 _MAX_GAP = 0.02
 """Largest distance between two samples of a path, in units of its parameter."""
 _MIN_BLEND = 1e-3
+"""Smaller blends are left out; in the metric of the path [rad or m]."""
 _MIN_SPREAD = 0.3
 """Least distance between two points of a spline as part of the median."""
 _CANDIDATES = 48

@@ -29,6 +29,7 @@ _VELOCITY_SLACK = 1.01
 _BETWEEN_SLACKS = dict.fromkeys(RobotJointType, 1e-2) | {RobotJointType.PRISMATIC: 1e-3}
 """How far a spline may be beyond a limit between points [m or rad]: limits are soft, and the state may be one end."""
 _END_VELOCITY = 1e-3
+"""The largest velocity at the end of a trajectory [rad/s or m/s]."""
 _SAMPLES = 33
 """Number of points of a quintic segment at which its velocity is checked."""
 _MIN_DURATION_S = 0.05

@@ -54,6 +54,7 @@ _PEAK_VELOCITY = 1.875
 """Peak velocity of a motion from rest to rest, relative to its mean."""
 _HEAD_ITERATIONS = 30
 _HEAD_STEP = 1e-5
+"""Step of numerical derivatives [rad]."""
 _HEAD_MAX_CHANGE = 0.5
 """Largest change of a joint in one iteration [rad]."""
 _HEAD_TOLERANCE = 0.02

@@ -36,6 +36,7 @@ _Meters = Annotated[float, msgspec.Meta(ge=-10_000.0, le=10_000.0)]
 _SLIDER_SETTLE_S = 2.0
 """Time for which a joint is pulled on after its slider was released [s]."""
 _JOINT_TOLERANCE = 0.004
+"""At which distance from its goal a joint has reached it [m or rad]."""
 _CLEARANCE_M = 0.001
 
 

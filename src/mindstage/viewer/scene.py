@@ -925,6 +925,7 @@ class ViewerScene:
 
 
 _ALL_SIDES = -1
+"""The code of a wall that is drawn from all sides."""
 
 
 def _visible_area(appearance: BodyAppearance) -> float:

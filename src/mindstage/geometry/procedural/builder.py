@@ -403,6 +403,7 @@ _SEGMENTS_BY_RADIUS = ((0.03, 32), (0.012, 20), (0.0, 12))
 """Smallest radius [m] and number of points of circles."""
 _EPSILON_M = 1e-9
 _EXACT = 1e-12
+"""Bounds that differ by less are equal [m]."""
 
 _BLOCK_FACES = np.array(
     [

@@ -72,8 +72,8 @@ _DIAGONALS_RAD = (pi / 4, pi / 6, pi / 3)
 _DIAGONAL_TIPS_M = (0.016, 0.01)
 """How far the finger tips are beyond the axis of such a rod: there is little room behind it."""
 _DIAGONAL_ROOM_M = 0.007
-_DIAGONAL_SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4)
-_EDGE_SHIFTS = (0.0, 0.25, -0.25, 0.4, -0.4)
+_DIAGONAL_SHIFT_FRACTIONS = (0.0, 0.2, -0.2, 0.4, -0.4)
+_EDGE_SHIFT_FRACTIONS = (0.0, 0.25, -0.25, 0.4, -0.4)
 _SIDE_SHIFTS = (0.35, 0.2, 0.45)
 """Places along the edges beside the free edge, towards it."""
 _EDGE_OVERLAPS_M = (0.035, 0.055, 0.02)
@@ -290,7 +290,7 @@ def diagonal_grasps_of(
             width = box.extent(across)
             if width > shape.opening - 2 * _CLEARANCE_M:
                 continue
-            for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFTS):
+            for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFT_FRACTIONS):
                 if not shape.touches(shape.tip_from(width) - beyond, width):
                     continue  # the inner sides of the fingers diverge so much that the rod is not held
                 origin = box.pose[:3] + inward * (beyond - shape.tip_from(width)) + axes[long] * shift * box.size[long]
@@ -325,7 +325,7 @@ def edge_grasps_of(
     width = 2 * float(half[axis])
     if width > shape.opening - 2 * _EDGE_ROOM_M:
         return
-    sides = [(to_edge, along, _EDGE_SHIFTS), *((sign * along, to_edge, _SIDE_SHIFTS) for sign in (1.0, -1.0))]
+    sides = [(to_edge, along, _EDGE_SHIFT_FRACTIONS), *((sign * along, to_edge, _SIDE_SHIFTS) for sign in (1.0, -1.0))]
     for overlap, (outwards, lengthwise, shifts) in product(_EDGE_OVERLAPS_M, sides):
         length = float(np.abs(lengthwise) @ half) * 2
         end = middle + outwards * float(np.abs(outwards) @ half)
