@@ -75,7 +75,6 @@ def simulation_scene(simulation: Simulation, screenshot: Screenshot, *, verdict:
     """What a picture of the current state of a simulation shows.
 
     Args:
-        simulation: the simulation.
         screenshot: camera, selection, labels and clipping plane.
         verdict: the outcome of a plan.
 

@@ -157,7 +157,6 @@ def without_paths(text: str, *, given: str = "") -> str:
     """A text for a client, in which each path of this machine is its last part.
 
     Args:
-        text: the text.
         given: the request; paths in it are kept.
     """
     roots = {f"/{path.name}" for path in Path("/").iterdir()} if _PATH.search(text) else set()

@@ -254,7 +254,6 @@ def world_to_glb(world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> GlbExp
     """Writes a world as binary glTF 2.0.
 
     Args:
-        world: the world.
         geometry: geometry of its bodies; a body without any is its primitive shape in its size.
 
     Raises:

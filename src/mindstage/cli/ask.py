@@ -101,8 +101,6 @@ class HighlightRun:
         """Spawns a map, asks the question, highlights the answers and, if there are any, serves the page.
 
         Args:
-            knowledge: the knowledge base.
-            question: the question.
             args: its arguments, as text.
             map_name: the map to spawn; by default the one among the arguments, or the only one.
             print_answers: prints the answers, and with `--json` the given further fields.
@@ -637,7 +635,6 @@ def _print_answers(
     """Prints answers as a table, or as records if they have reasons or do not fit.
 
     Args:
-        answers: the answers.
         class_of: returns the class of an individual, or None.
         reasons: the explanation of each answer; None for none.
     """

@@ -112,7 +112,6 @@ def simulation_from_options(
     """Makes an empty simulation; see `mindstage.api.make_simulation`.
 
     Args:
-        knowledge: the knowledge base.
         engine: the engine, which the simulation owns.
         options: where mesh files are looked up besides the folders of the map, and whether they are used.
 
@@ -257,7 +256,6 @@ def findings_about(
     """The findings of the knowledge base, one if mesh files are missing, and one if the world is empty.
 
     Args:
-        world: the world.
         knowledge: the knowledge base that it was read from.
         strict: whether findings are errors.
         options: where mesh files are looked up.

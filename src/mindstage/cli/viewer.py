@@ -130,7 +130,6 @@ def show_page(
     """Serves the page and plays the simulation until Ctrl-C or the end of the duration.
 
     Args:
-        simulation: the simulation.
         port: the port; None is the default one, or the next free one.
         duration_s: wall time [s]; None for no limit.
         announce: called with the URL when the page is served.
@@ -186,7 +185,6 @@ def keep_alive(simulation: Simulation, *, duration_s: float | None, quiet: bool 
     """Plays a simulation in real time for a duration.
 
     Args:
-        simulation: the simulation.
         duration_s: wall time, which does not depend on pauses [s]; None for no limit.
         quiet: whether to print nothing but errors of the simulation.
     """

@@ -254,7 +254,6 @@ class FallDetector:
         """Takes a sample.
 
         Args:
-            sample: the sample.
             contact_counts: the number of contacts of the rigid group of each body.
             held: which bodies are attached to a mover or gripped.
         """

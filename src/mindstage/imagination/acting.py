@@ -137,7 +137,6 @@ def try_first(
     Simulated time stands still while the plan is tried. If something moves nevertheless, nothing is done.
 
     Args:
-        simulation: the simulation.
         plan: the plan, or the path or text of one.
         at_least: the probability of success that the plan must have.
         certain: whether the whole 95 % interval of the probability has to be as high, rather than the estimate.

@@ -130,7 +130,6 @@ def validate_plan(plan: Plan, simulation: Simulation, *, place: Callable[[str], 
     """Checks that a plan fits a world, before anything runs.
 
     Args:
-        plan: the plan.
         simulation: the world, as it is before the first step.
         place: turns a path in the plan, such as "steps[2].thing", into what errors name, such as a line of a file.
 
@@ -168,7 +167,6 @@ class PlanRunner:
 
         Args:
             simulation: a simulation in the state in which all samples begin.
-            plan: the plan.
             seed: the seed of all samples.
 
         Raises:
@@ -215,7 +213,6 @@ class PlanRunner:
         """Begins one sample in a world that is in the initial state, and that the caller steps.
 
         Args:
-            world: the world.
             index: the number of the sample.
             on_poses: see `run_plan`.
             on_step: called when a step of a skill begins, and when it ends.
@@ -245,7 +242,6 @@ def complete(
     """Runs a sample from its begin to its end.
 
     Args:
-        sample: the sample.
         let_pass: lets simulated time pass [s], such as `simulation.step`.
         stop: asked before each time; true ends the sample, whose outcome is unknown then.
     """

@@ -232,7 +232,6 @@ class WarpBatch:
         """Sets the forces on a world from now on.
 
         Args:
-            world: the world.
             wrenches: force [N] and torque about the center of mass [N m] by MuJoCo body, in the world frame.
         """
         if wrenches or self._forces[world].any():

@@ -199,7 +199,6 @@ class IndexBuilder:
         Args:
             source: the name of the source.
             file: its text.
-            graph: its graph.
         """
         self._pending.append(self._thread.submit(self._add, source, file, graph))
         return self._pending[-1]

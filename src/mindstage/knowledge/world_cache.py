@@ -57,7 +57,6 @@ class WorldCache:
         """The entry of a map; None if there is none.
 
         Args:
-            map: the map.
             sources: a digest of everything that it was read from.
         """
         path = self._path(map, sources)

@@ -345,7 +345,6 @@ def encode(message: Message, *, ros: RosVersion = RosVersion.TWO) -> JsonObject:
     """Converts a message to a JSON object with every field.
 
     Args:
-        message: the message.
         ros: the version of ROS whose fields are written where they differ: `sec` or `secs`, headers with `seq`.
 
     Raises:

@@ -90,7 +90,6 @@ class ViewFrame:
         """Computes the axes of the camera.
 
         Args:
-            camera: the camera.
             size: width and height of the picture [px].
         """
         self.width, self.height = size

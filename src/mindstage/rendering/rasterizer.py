@@ -62,11 +62,7 @@ _SUN_ELEVATION_RAD = np.radians(52.0)
 
 
 def sun_direction(camera: CameraPose) -> Array:
-    """The unit vector to the sun: behind the camera and beside it, so that it shines into the room.
-
-    Args:
-        camera: the camera.
-    """
+    """The unit vector to the sun: behind the camera and beside it, so that it shines into the room."""
     away = np.subtract(camera.position, camera.look_at)
     azimuth = float(np.arctan2(away[1], away[0])) + _SUN_AZIMUTH_RAD
     flat = np.cos(_SUN_ELEVATION_RAD)

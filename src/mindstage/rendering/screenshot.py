@@ -148,7 +148,6 @@ def label_texts(
 
     Args:
         screenshot: which bodies are labeled.
-        world: the world.
         appearances: how its bodies are drawn.
     """
     texts = {

@@ -248,7 +248,6 @@ def find_base_poses(
     """Finds places of the base from which an arm reaches all of some poses, the best first.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         targets: poses of the grasp frame of the gripper (of the last link of an arm without one) in the world frame.
         free: the axes of the grasp frame about which it may turn; see `RobotKinematics.solve_ik`.
@@ -301,7 +300,6 @@ def reachable_region(
     """The points of a horizontal grid that the gripper of an arm reaches from where the robot stands.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         height_m: height of the grid in the world frame [m].
         step_m: distance of two points [m].

@@ -194,7 +194,6 @@ def drives_of(model: RobotModel, placed: RobotWorld, *, name: str) -> RobotDrive
     """Chooses the actuators of a robot.
 
     Args:
-        model: its model.
         placed: its bodies and joints.
         name: its name in the simulation.
     """

@@ -727,7 +727,6 @@ def _free_stand(simulation: Simulation, goal: BodyId, front: Array | None) -> Ar
 
     Args:
         simulation: the place, without the robot.
-        goal: the body.
         front: the horizontal direction from the body in which a robot rather stands; None for any.
 
     Raises:

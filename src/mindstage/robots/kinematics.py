@@ -341,7 +341,6 @@ class RobotKinematics:
 
         Args:
             frame: see `solve_ik`; the same holds for the others.
-            target: the pose.
             joints: the joints that may move.
             seed: current positions.
             root_pose: pose of the root link.

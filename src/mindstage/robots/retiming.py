@@ -66,7 +66,6 @@ class MotionLimits(NamedTuple):
         """The limits of some joints.
 
         Args:
-            joints: the joints.
             speed: the part of their velocity limits that is used, above 0, at most 1.
 
         Raises:
@@ -223,7 +222,6 @@ def retimed(
 
     Args:
         joints: the names of the joints.
-        pieces: the paths.
         limits: velocities and accelerations.
         speed_limits: for each path and sample, a further limit of the derivative of the parameter by time; None for
             none.

@@ -112,7 +112,6 @@ def spline_of(
     A continuous joint is moved by whole turns to where the trajectory is nearest to its state.
 
     Args:
-        trajectory: the trajectory.
         robot: the name of the robot, for errors.
         limits: the joints that have drives, by name.
         state: their current positions [m or rad].
@@ -167,7 +166,6 @@ def point_to_point(
     """The trajectory that moves joints from rest to rest, all in the same time, without regard to obstacles.
 
     Args:
-        joints: the joints.
         start: their positions at the start [m or rad].
         end: their positions at the end [m or rad].
         speed: the fraction of their velocity limits that is used.

@@ -190,7 +190,6 @@ class RobotControllers:
         """Offers nothing yet.
 
         Args:
-            robot: the robot.
             state_reader: reads the state of its simulation.
         """
         self.specs = controllers_of(robot.model)
@@ -536,7 +535,6 @@ class _HeadPointing:
         """Takes the task.
 
         Args:
-            model: the robot.
             positions: the current positions of all joints.
             target: the point in the frame of the root link [m].
             axis: the axis in the frame that points; zero for x.

@@ -53,7 +53,6 @@ class RobotSkills:
         """Offers nothing yet.
 
         Args:
-            simulation: the simulation.
             find_file: returns a file that clients may read, by the name that they give; None if there is none.
             on_added: called after a robot was added.
         """
@@ -116,7 +115,6 @@ class RobotSkills:
 
         Args:
             skill: its name; empty for that in the goal.
-            goal: the goal.
             context: its cancellation and feedback.
 
         Raises:

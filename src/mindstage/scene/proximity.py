@@ -151,7 +151,6 @@ def nearest_boxes(boxes: OrientedBoxes, row: int, candidates: Indices, count: in
     axes give a lower bound of each gap, so that exact gaps are computed for the nearest few only.
 
     Args:
-        boxes: the boxes.
         row: the box to start from.
         candidates: rows of the boxes that may be returned.
         count: the largest number of rows to return.

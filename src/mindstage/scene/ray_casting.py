@@ -613,7 +613,6 @@ def find_depressions(scene: ShapeScene, row: int, low: Array, high: Array) -> De
     through each cell without a shape: depressions are filled as in hydrology (Barnes, Lehman and Mulla 2014).
 
     Args:
-        scene: the shapes.
         row: the body.
         low: the lower corner of its bounds [m].
         high: the upper corner [m].

@@ -126,8 +126,6 @@ class PlaceCallback(Protocol):
         """Moves the body, and the other selected ones with it.
 
         Args:
-            client: the client.
-            id: the body.
             pose: its new pose.
             to_surface: whether to put it down on what is below it.
         """

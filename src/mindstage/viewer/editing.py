@@ -181,7 +181,6 @@ class EditHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             find_joint: returns the handle of a joint.
         """
@@ -244,7 +243,6 @@ class EditHandler:
         """Moves a body, and the other selected ones rigidly with it, as one edit.
 
         Args:
-            id: the body.
             pose: its new pose.
             selection: the selected bodies; those that are parts of others move with those.
             below: finds what is below a point, to put the body down on it; None keeps the pose.

@@ -94,7 +94,6 @@ def merge_narrow_strips(low: Array, high: Array, holes: Sequence[Hole], min_widt
     Args:
         low: lower corner of the plate, in its plane [m].
         high: upper corner of the plate [m].
-        holes: the holes.
         min_width: the smallest width of strips [m].
     """
     starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
@@ -689,7 +688,6 @@ class GeometryBuilder:
             cuts: coordinates that divide it into cells along the two axes after the thin one [m].
             kept: which of the cells are present.
             thickness: its start and end along the thin axis [m].
-            thin_axis: the thin axis (0, 1, 2).
             collides: whether to add collision boxes.
             collision_bottom: start of the collision boxes along the thin axis, if different [m].
         """

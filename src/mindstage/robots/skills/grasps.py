@@ -243,10 +243,7 @@ def grasps_of(
     """The grasps by friction of a body: of the whole body before those of its parts.
 
     Args:
-        body: the body.
-        geometry: its geometry.
         body_pose: its pose in the world frame, seven numbers.
-        gripper: the gripper.
         shape: the extents of the gripper.
     """
     if gripper.type is not GripperType.PARALLEL:
@@ -270,9 +267,6 @@ def diagonal_grasps_of(
     from both what is behind the rod and what is beside it; one finger is behind the rod and pulls it.
 
     Args:
-        body: the body.
-        geometry: its geometry.
-        gripper: the gripper.
         shape: the extents of the gripper.
     """
     if gripper.type is not GripperType.PARALLEL:
@@ -313,10 +307,8 @@ def edge_grasps_of(
 
     Args:
         body: the door.
-        geometry: its geometry.
         normal: a vector in the frame of the body across the door.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
-        gripper: the gripper.
         shape: the extents of the gripper.
     """
     if gripper.type is not GripperType.PARALLEL:
@@ -361,7 +353,6 @@ def pushes_of(
 
     Args:
         body: the front.
-        geometry: its geometry.
         outward: a vector in the frame of the body that points to its outer side.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
         shape: the extents of the gripper.
@@ -396,7 +387,6 @@ def sweeps_of(
 
     Args:
         body: the door.
-        geometry: its geometry.
         outward: a vector in the frame of the body that points to its outer side.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
         poses: n x 7: the poses of the door on its way.

@@ -165,9 +165,7 @@ class Manipulator:
         """Moves nothing.
 
         Args:
-            task: the skill.
             arm: an arm with a gripper.
-            kinematics: of the robot.
         """
         self.task = task
         self.robot = task.robot
@@ -438,7 +436,6 @@ class Manipulator:
         """The first part of a path from the present state, up to a collision.
 
         Args:
-            path: the path.
             touch: bodies that the gripper may touch.
             joint: of a door or drawer that moves along; None for none.
             joint_positions: for each pose of the path, its position [m or rad].
