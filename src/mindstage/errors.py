@@ -29,7 +29,8 @@
     │   ├── QueryLimitError             the limit of concurrent questions is reached
     │   ├── QuestionProcessError        the process that answered a question has ended
     │   ├── InvalidArgumentError        an invalid argument of a function, a question or an assertion
-    │   │   └── NumberRefusedError      a number that is not finite, or beyond its declared range; also a ValueError
+    │   │   ├── NumberRefusedError      a number that is not finite, or beyond its declared range; also a ValueError
+    │   │   └── PoseRefusedError        numbers that are no position and rotation; also a ValueError
     │   ├── SparqlSyntaxError           not a SPARQL query, or one that is not supported
     │   ├── SparqlTimeoutError          a SPARQL query did not finish before its timeout
     │   ├── ReasonerUnavailableError    the OWL 2 RL reasoner is not installed
@@ -148,6 +149,7 @@ __all__ = [
     "NothingToUndoError",
     "NumberRefusedError",
     "PlanError",
+    "PoseRefusedError",
     "PoseUnreachableError",
     "PrologError",
     "PrologGoalError",
@@ -677,6 +679,13 @@ class InvalidArgumentError(KnowledgeError):
 @dataclass(eq=False, repr=False)
 class NumberRefusedError(InvalidArgumentError, ValueError):
     """A number is not finite, or beyond its declared range; `subject` is the parameter, `cause` the range."""
+
+    code = InvalidArgumentError.code
+
+
+@dataclass(eq=False, repr=False)
+class PoseRefusedError(InvalidArgumentError, ValueError):
+    """What was given as a pose is none; `subject` is the parameter, `remedy` what is accepted."""
 
     code = InvalidArgumentError.code
 

@@ -3,7 +3,7 @@
 from mindstage.imagination.acting import TryFirstResult, act, try_first
 from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
-from mindstage.imagination.plan_files import PlanBuilder, PlanFile, dump_plan, load_plan, plan_schema
+from mindstage.imagination.plan_files import PlanBuilder, PlanFile, PlanLike, dump_plan, load_plan, plan_schema
 from mindstage.imagination.plans import (
     Attach,
     ChangePhysics,
@@ -44,6 +44,7 @@ __all__ = [
     "Plan",
     "PlanBuilder",
     "PlanFile",
+    "PlanLike",
     "PlanRunner",
     "PlanStep",
     "Progress",

@@ -49,7 +49,7 @@ from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
 from mindstage.lazy_names import registered_function
 from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
-from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
+from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, PoseLike, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, fault_error, find_robot
@@ -908,7 +908,7 @@ class Simulation:
     def add_robot(
         self,
         source: str | os.PathLike[str] | RobotModel,
-        pose: Pose = IDENTITY,
+        pose: PoseLike = IDENTITY,
         *,
         name: str = "",
         xacro: bool | None = None,
@@ -917,7 +917,7 @@ class Simulation:
 
         Args:
             source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
-            pose: where it stands on the floor, in the world frame.
+            pose: where it stands on the floor, in the world frame; three numbers are x, y and z, without a rotation.
             name: its name; by default that of the model, numbered if there are several.
             xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
                 Give False for a source that the user has not chosen.
