@@ -57,7 +57,7 @@ from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_m
 from mindstage.simulation import Simulation
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
-from mindstage.simulation.state import EngineSession, WorldSession
+from mindstage.simulation.state import EngineSession, WorldSession, find_body
 
 __all__ = [
     "PlanRunner",
@@ -702,15 +702,6 @@ def _perturbed(pose: Array, uncertainty: Uncertainty, noise: Array) -> Pose:
 
 
 # -- names -------------------------------------------------------------------------------------------------------------
-
-
-def find_body(simulation: WorldSession, name: str) -> BodyId | None:
-    """The id of the body with that id or IRI; None if there is none."""
-    ids = simulation.state.ids
-    if name in ids:
-        return BodyId(name)
-    named = (body.id for world in simulation.worlds for body in world.bodies if body.iri == name)
-    return next((id for id in named if id in ids), None)
 
 
 def _uncertainty_by_body(plan: Plan, simulation: Simulation, basis: WatchBasis) -> dict[BodyId, Uncertainty]:

@@ -77,7 +77,7 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
@@ -841,6 +841,20 @@ class Simulation:
         """The geometry that a body would have, without fitting it to other bodies."""
         return self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
 
+    def body(self, id: str) -> SimulationBody:
+        """A body whose state can be read: `sim.body("cup").pose`.
+
+        Args:
+            id: the id or IRI of a body.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+        """
+        found = find_body(self, id)
+        if found is None:
+            raise BodyNotFoundError(id, known=self.state.ids)
+        return SimulationBody(self, found)
+
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
 
@@ -1218,6 +1232,7 @@ class Simulation:
 
     def _read_state(self) -> StateSnapshot:
         ids, poses = self._engine.poses()
+        poses.flags.writeable = False
         clock, highlights = self._clock, self._engine.highlights()
         return StateSnapshot(
             time_s=self._engine.time_s,
