@@ -190,6 +190,7 @@ class KnowledgeBase:
             atexit.unregister(self._at_exit)
             self._at_exit = None
         self._registry.close()
+        self._drop_cached("_answer_cache")  # answers about classes refer to the knowledge base
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs for an equal knowledge base, which is kept in memory there.
