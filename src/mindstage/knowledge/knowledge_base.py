@@ -214,7 +214,7 @@ class KnowledgeBase:
         self._episodes = ()
 
     def to_bytes(self) -> bytes:
-        """All sources, statements, worlds and assumptions, from which `from_bytes` makes an equal knowledge base anywhere.
+        """All sources, statements, worlds and assumptions; `from_bytes` makes an equal knowledge base of them anywhere.
 
         Raises:
             InvalidArgumentError: there is a SPARQL endpoint.

@@ -36,3 +36,5 @@ __all__ = [
     "UndoStack",
     "UnhighlightedItem",
 ]
+
+__dir__ = __all__.copy
