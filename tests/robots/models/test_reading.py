@@ -218,6 +218,49 @@ def test_bodies_of_mjcf_with_several_joints_off_their_origin(tmp_path: Path) -> 
         assert quat_angle(pose[3:], data.body("r:arm").xquat) < 1e-7
 
 
+ARM = '<mujoco><worldbody><body name="arm"><geom size="0.1" mass="1"/></body></worldbody></mujoco>'
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><body name="arm"><geom type="mesh" mesh="m"/></body></worldbody>'
+NAMING = {
+    "include": '<include file="../other/arm.xml"/>',
+    "backslashes": '<include file="..\\other\\arm.xml"/>',
+    "absolute": '<include file="{other}/arm.xml"/>',
+    "symbolic link": '<include file="link.xml"/>',
+    "nested": '<include file="parts/nested.xml"/>',
+    "model": '<asset><model name="s" file="../other/arm.xml"/></asset><worldbody><attach model="s" prefix="p"/></worldbody>',
+    "mesh": MESH.format("../other/m.obj"),
+    "folder of meshes": '<compiler meshdir="../other"/>' + MESH.format("m.obj"),
+    "folder of an included file": '<include file="parts/folder.xml"/>' + MESH.format("m.obj"),
+    "stripped path": '<compiler assetdir="../other" strippath="true"/>' + MESH.format("no/m.obj"),
+}
+
+
+@pytest.mark.parametrize("kind", NAMING)
+def test_an_mjcf_file_names_files_of_its_folder_and_of_granted_ones_only(tmp_path: Path, kind: str) -> None:
+    other, robot = tmp_path / "other", tmp_path / "robot"
+    (robot / "parts").mkdir(parents=True)
+    other.mkdir()
+    (other / "arm.xml").write_text(ARM)
+    (other / "m.obj").write_text(OBJ)
+    (robot / "link.xml").symlink_to(other / "arm.xml")
+    (robot / "parts" / "nested.xml").write_text('<mujoco><include file="../../other/arm.xml"/></mujoco>')
+    (robot / "parts" / "folder.xml").write_text('<mujoco><compiler meshdir="../other"/></mujoco>')
+    path = written(robot, f"<mujoco>{NAMING[kind].replace('{other}', str(other))}</mujoco>", "robot.xml")
+    with pytest.raises(RobotModelError, match=r"it names '.*', which is not in its folder; copy that file"):
+        load_model(path)
+    assert any(link.name.endswith("arm") for link in load_model(path, folders=[other]).links)
+
+
+def test_an_mjcf_file_names_files_below_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "parts" / "meshes").mkdir(parents=True)
+    (tmp_path / "parts" / "meshes" / "m.obj").write_text(OBJ)
+    compiler = '<compiler meshdir="parts/meshes"/>'
+    (tmp_path / "parts" / "arm.xml").write_text(f"<mujoco>{compiler}{MESH.format('../meshes/m.obj')}</mujoco>")
+    path = written(tmp_path, '<mujoco><include file="parts/arm.xml"/></mujoco>', "robot.xml")
+    (link,) = (link for link in load_model(path).links if link.name == "arm")
+    assert link.geometry.collision_shapes
+
+
 # -- what a description says -------------------------------------------------------------------------------------------
 
 
