@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from msgspec.structs import replace
+from tests.fuzz.running_server import RunningServer, ServerFuzzer
 
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
@@ -19,7 +20,6 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Iri, Pose, World
 from mindstage.simulation import Simulation
-from tests.fuzz.running_server import RunningServer, ServerFuzzer
 
 RUNS = 50
 AIM_S = 0.2

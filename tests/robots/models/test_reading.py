@@ -220,14 +220,16 @@ def test_bodies_of_mjcf_with_several_joints_off_their_origin(tmp_path: Path) -> 
 
 ARM = '<mujoco><worldbody><body name="arm"><geom size="0.1" mass="1"/></body></worldbody></mujoco>'
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
-MESH = '<asset><mesh name="m" file="{}"/></asset><worldbody><body name="arm"><geom type="mesh" mesh="m"/></body></worldbody>'
+BODY = '<worldbody><body name="arm"><geom type="mesh" mesh="m"/></body></worldbody>'
+MESH = f'<asset><mesh name="m" file="{{}}"/></asset>{BODY}'
+ATTACH = '<worldbody><attach model="s" prefix="p"/></worldbody>'
 NAMING = {
     "include": '<include file="../other/arm.xml"/>',
     "backslashes": '<include file="..\\other\\arm.xml"/>',
     "absolute": '<include file="{other}/arm.xml"/>',
     "symbolic link": '<include file="link.xml"/>',
     "nested": '<include file="parts/nested.xml"/>',
-    "model": '<asset><model name="s" file="../other/arm.xml"/></asset><worldbody><attach model="s" prefix="p"/></worldbody>',
+    "model": f'<asset><model name="s" file="../other/arm.xml"/></asset>{ATTACH}',
     "mesh": MESH.format("../other/m.obj"),
     "folder of meshes": '<compiler meshdir="../other"/>' + MESH.format("m.obj"),
     "folder of an included file": '<include file="parts/folder.xml"/>' + MESH.format("m.obj"),
