@@ -34,8 +34,14 @@ from mindstage.errors import (
 from mindstage.knowledge.dialects.membership import inferred_membership
 from mindstage.knowledge.io.files import Source, SourceFile
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import PREFIXES, ObjectNode, SparqlResult, SubjectNode, graph_from_quads
-from mindstage.knowledge.reasoner_properties import node_from_label
+from mindstage.knowledge.rdf import (
+    PREFIXES,
+    ObjectNode,
+    SparqlResult,
+    SubjectNode,
+    graph_from_quads,
+    node_from_label,
+)
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
 from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
