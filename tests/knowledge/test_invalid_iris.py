@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
-from mindstage.knowledge.io.files import bundled_kitchen
-from mindstage.knowledge.vocabulary import LABEL
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.vocabulary import LABEL
 from mindstage.scene import Body, BodyId, GeometrySource, Iri, Pose, World
 
 INVALID = ["", "a b", "<x>", "http://x y", "http://x/{y}", "x\x00", "_:b 1", "\ud800"]

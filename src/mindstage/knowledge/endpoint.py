@@ -31,10 +31,14 @@ from mindstage.errors import (
     SparqlSyntaxError,
     SparqlTimeoutError,
 )
-from mindstage.knowledge.dialects.membership import inferred_membership
-from mindstage.knowledge.io.files import Source, SourceFile
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import (
+from mindstage.knowledge.sparql_worker import REPLY_LIMIT
+from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
+from mindstage.knowledge.tell import RUNTIME_GRAPH
+from mindstage.maps.dialects.membership import inferred_membership
+from mindstage.maps.io.files import Source, SourceFile
+from mindstage.ranges import checked
+from mindstage.rdf.graphs import (
     PREFIXES,
     ObjectNode,
     SparqlResult,
@@ -42,10 +46,7 @@ from mindstage.knowledge.rdf import (
     graph_from_quads,
     node_from_label,
 )
-from mindstage.knowledge.sparql_worker import REPLY_LIMIT
-from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
-from mindstage.knowledge.tell import RUNTIME_GRAPH
-from mindstage.knowledge.vocabulary import (
+from mindstage.rdf.vocabulary import (
     CHILD,
     DESCRIBED_IN_MAP,
     OWL,
@@ -56,7 +57,6 @@ from mindstage.knowledge.vocabulary import (
     dul,
     soma,
 )
-from mindstage.ranges import checked
 from mindstage.scene import Iri, IriRef
 
 if TYPE_CHECKING:
