@@ -266,6 +266,22 @@ def test_an_mjcf_file_names_files_below_its_folder(tmp_path: Path) -> None:
 # -- what a description says -------------------------------------------------------------------------------------------
 
 
+def test_the_group_of_the_head_is_its_head_whatever_its_joints_are_called(tmp_path: Path) -> None:
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name, parent, child in (("pan", "a", "b"), ("tilt", "b", "c"), ("neck", "a", "d"))
+    )
+    links = "".join(f'<link name="{name}">{BOX}</link>' for name in "abcd")
+    path = written(tmp_path, f'<robot name="r">{links}{joints}</robot>')
+    head = load_model(path).head
+    assert (head.joints, head.link) == (("neck",), "d"), "by its name"
+    group = '<group name="head"><joint name="pan"/><joint name="tilt"/></group>'
+    written(tmp_path, f'<robot name="r">{group}</robot>', "robot.srdf")
+    head = load_model(path).head
+    assert (head.joints, head.link) == (("pan", "tilt"), "c")
+
+
 def test_limits_and_dynamics_of_a_joint(tmp_path: Path) -> None:
     model = load_model(written(tmp_path, TWO_LINKS))
     joint = model.joint("turn")
