@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from generated import write_or_compare
+
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import Answers, Question, cell_text, list_questions
 from mindstage.knowledge.sentences import SentencePattern, sentence_patterns
@@ -104,14 +106,7 @@ def args(question: Question[Any], example: str) -> dict[str, str]:
 
 def main() -> int:
     """Writes or checks the page; returns 0 if it is up to date, otherwise 1."""
-    text = page()
-    if "--check" in sys.argv[1:]:
-        if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{PAGE} is out of date: run scripts/make_questions.py", file=sys.stderr)
-        return 1
-    PAGE.write_text(text, encoding="utf-8")
-    return 0
+    return write_or_compare({PAGE: page()})
 
 
 if __name__ == "__main__":

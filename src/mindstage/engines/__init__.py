@@ -69,6 +69,8 @@ __all__ = [
     "make_engine",
 ]
 
+__dir__ = __all__.copy
+
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
 
 

@@ -86,7 +86,6 @@ class FileHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -218,7 +217,6 @@ class WorldHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -240,7 +238,6 @@ class WorldHandler:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
-            world: the world.
             enclosing: bodies that are drawn as outlines.
         """
         joints: dict[BodyId, list[Joint]] = {}
@@ -564,7 +561,6 @@ class Handlers:
         """Registers all requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             views: the views of all clients.
             server: the server of both.
@@ -595,7 +591,6 @@ class Handlers:
         """Moves a body, and the other selected ones rigidly with it, as one edit.
 
         Args:
-            id: the body.
             pose: its new pose.
             selection: the selected bodies.
             to_surface: whether to put the body down on what is below it.
@@ -613,7 +608,6 @@ class Handlers:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
-            world: the world.
             enclosing: bodies that are drawn as outlines.
         """
         self._world.on_rebuild(world, enclosing=enclosing)
