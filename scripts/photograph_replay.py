@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import mindstage as ms
-from mindstage.episodes import EpisodeEventKind, FrameRecording, detect_events
+from mindstage.episodes import EpisodeEventKind, FrameRecording, Recorder, detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of
 from mindstage.rendering.screenshot import Screenshot
@@ -41,7 +41,7 @@ def record(path: Path) -> None:
     """Records how the fridge is opened, and the milk is carried to the table."""
     with ms.open("bundled:kitchen") as sim:
         sim.step(0.5)
-        with sim.record(path):
+        with Recorder(sim, path):
             sim.step(0.5)
             sim.joint("fridge_door").open()
             start = sim.state.poses[sim.state.ids.index(MILK), :3]

@@ -19,7 +19,7 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from mindstage.lazy_names import register_function, when_imported
+from mindstage.lazy_names import when_imported
 
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
@@ -105,4 +105,3 @@ def _register_environments(gymnasium: ModuleType) -> None:
 
 
 when_imported("gymnasium", _register_environments)
-register_function("Simulation.try_first", "mindstage.imagination", "try_first")

@@ -102,6 +102,8 @@ def record(
     if out.exists():  # before the map is read
         raise EpisodeFileError(str(out), cause="it exists", remedy="delete it, or choose another name")
     access = server_access(host, token, tls_cert, tls_key, limits)
+    from mindstage.episodes import Recorder
+
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with (
         as_client("command line", trusted=True),
@@ -115,7 +117,7 @@ def record(
             spawned.print()
         with ExitStack() as ending:
             with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
-                recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
+                recorder = ending.enter_context(Recorder(simulation, out, rate_hz=rate))
             if with_viewport:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json
