@@ -97,13 +97,12 @@ def record(
 
     What is older than a second is in the file even if the process is killed.
     """
+    from mindstage.episodes import Recorder
     from mindstage.simulation.observation import as_client
 
     if out.exists():  # before the map is read
         raise EpisodeFileError(str(out), cause="it exists", remedy="delete it, or choose another name")
     access = server_access(host, token, tls_cert, tls_key, limits)
-    from mindstage.episodes import Recorder
-
     running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     with (
         as_client("command line", trusted=True),
