@@ -467,6 +467,12 @@ class NumberRefusedError(InvalidArgumentError, ValueError):
     code = InvalidArgumentError.code
 
 
+class PoseRefusedError(InvalidArgumentError, ValueError):
+    """What was given as a pose is none; `subject` is the parameter, `remedy` what is accepted."""
+
+    code = InvalidArgumentError.code
+
+
 class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
@@ -1066,3 +1072,4 @@ class InvalidRequestError(MindstageError):
 
 __all__ = ["closest_names", "suggestion", "without_surrogates"]
 __all__ += [name for name, each in vars().items() if isinstance(each, type) and issubclass(each, MindstageError)]
+__dir__ = __all__.copy

@@ -349,16 +349,6 @@ class MotionSample:
         """Whether there is no sample before."""
         return self.step_s == 0.0
 
-    def onset_s(self, row: int, still_m: float) -> float:
-        """The last time at which a body that now moves was within a distance of where it was at rest [s]."""
-        start = self.history[0][1][row, :3] if self.history else self.poses[row, :3]
-        found = self.history[0][0] if self.history else self.time_s
-        for time_s, poses in self.history:
-            if np.linalg.norm(poses[row, :3] - start) > still_m:
-                break
-            found = time_s
-        return found
-
     def rest_s(self, row: int, still_m: float) -> float:
         """The first time from which a body has stayed within a distance of where it is now [s]."""
         found = self.time_s

@@ -32,14 +32,20 @@ from mindstage.errors import (
     SparqlTimeoutError,
 )
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
 from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.maps.dialects.membership import inferred_membership
 from mindstage.maps.io.files import Source, SourceFile
 from mindstage.ranges import checked
-from mindstage.rdf.graphs import PREFIXES, ObjectNode, SparqlResult, SubjectNode, graph_from_quads
+from mindstage.rdf.graphs import (
+    PREFIXES,
+    ObjectNode,
+    SparqlResult,
+    SubjectNode,
+    graph_from_quads,
+    node_from_label,
+)
 from mindstage.rdf.vocabulary import (
     CHILD,
     DESCRIBED_IN_MAP,

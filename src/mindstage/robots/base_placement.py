@@ -7,7 +7,7 @@ and collisions of the whole robot in the positions found, and with the arm at re
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from math import atan2, ceil, cos, hypot, inf, pi, sin
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from mindstage.robots.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
 from mindstage.robots.search_limits import CPU_S, SearchLimit
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 
 __all__ = ["BasePlacement", "find_base_poses", "reachable_region"]
@@ -71,19 +71,17 @@ class _Placing:
         self,
         robot: MotionRobot,
         arm: Arm | str,
-        targets: Sequence[Pose | Array],
+        targets: Iterable[PoseLike],
         *,
         free: str,
         ignore: Collection[BodyId],
         touch: Collection[BodyId],
         clearance_m: float,
     ) -> None:
-        if not targets:
-            raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
         self.robot, self.arm, self.free = robot, find_arm(robot, arm), free
-        self.targets = np.array(
-            [normalized_pose_array(each) if isinstance(each, Pose) else each for each in targets], dtype=float
-        )
+        self.targets = np.array([normalized_pose_array(each) for each in targets])
+        if not len(self.targets):
+            raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
         self.kinematics = RobotKinematics(robot.model)
         self.frame = self.kinematics.frame_of(self.arm)
         self.positions = robot.joint_positions()
@@ -234,7 +232,7 @@ class _Placing:
 def find_base_poses(
     robot: MotionRobot,
     arm: Arm | str,
-    targets: Sequence[Pose | Array],
+    targets: Iterable[PoseLike],
     *,
     free: str = "",
     ignore: Collection[BodyId] = (),

@@ -18,7 +18,7 @@ from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
-from mindstage.scene import BodyId, Vector
+from mindstage.scene import BodyId, PoseLike, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
@@ -420,7 +420,7 @@ class HandChecker:
         """See `CollisionChecker.set_joint`."""
         self._contacts.set_joint(joint, position)
 
-    def find(self, grasp_pose: Array, fingers: Mapping[str, float], *, strictly: bool = False) -> Collision | None:
+    def find(self, grasp_pose: PoseLike, fingers: Mapping[str, float], *, strictly: bool = False) -> Collision | None:
         """The worst collision of the gripper; None if it is free.
 
         Args:
@@ -433,7 +433,7 @@ class HandChecker:
             contacts.data.qpos[address] = sign * (factor * fingers[name] + offset)
         contacts.update()
         here = pose_multiply(contacts.pose(self._link), self._grasp)
-        contacts.move_rigidly(self._hand, pose_multiply(grasp_pose, pose_inverse(here)))
+        contacts.move_rigidly(self._hand, pose_multiply(normalized_pose_array(grasp_pose), pose_inverse(here)))
         geoms, distances = contacts.near_geoms()
         if not len(distances):
             return None

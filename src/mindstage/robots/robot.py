@@ -35,7 +35,7 @@ from mindstage.robots.model import Gripper, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld, robot_world
-from mindstage.scene import IDENTITY, BodyId, Pose
+from mindstage.scene import IDENTITY, BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 from mindstage.simulation.controllers import ControllerSchedule
 from mindstage.simulation.observation import SKILL_EDIT
@@ -626,7 +626,7 @@ def contact_free_pairs(model: RobotModel, placed: RobotWorld) -> frozenset[tuple
 def place_robot(
     session: RobotSession,
     source: str | PathLike[str] | RobotModel,
-    pose: Pose = IDENTITY,
+    pose: PoseLike = IDENTITY,
     *,
     name: str = "",
     names: Iterable[str] = (),

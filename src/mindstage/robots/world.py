@@ -34,7 +34,7 @@ from mindstage.scene import (
     JointMimic,
     LinearLimits,
     Mobility,
-    Pose,
+    PoseLike,
     SoftLimit,
     Tag,
     Vector,
@@ -73,7 +73,7 @@ class RobotWorld(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def robot_world(
     model: RobotModel,
-    pose: Pose,
+    pose: PoseLike,
     *,
     name: str,
     taken: Container[str] = (),
@@ -95,7 +95,7 @@ class _RobotWorldBuilder:
     """The world of one robot."""
 
     def __init__(
-        self, model: RobotModel, pose: Pose, name: str, taken: Container[str], positions: Mapping[str, float] | None
+        self, model: RobotModel, pose: PoseLike, name: str, taken: Container[str], positions: Mapping[str, float] | None
     ) -> None:
         self.model, self.name = model, name
         self.is_driving = model.base.type is not BaseType.FIXED

@@ -124,10 +124,9 @@ class _SupervisedTrial:
     def _try(self, plan: PlanFile, arguments: dict[str, Any]) -> None:
         try:
             with physical_simulation(self._simulation) as simulation:
-                plan.validate(simulation)
                 self._verdict = imagine(
                     simulation,
-                    plan.plan,
+                    plan,
                     budget_s=self._budget_s,
                     progress=self._send_progress,
                     cancel=self._canceled.is_set,

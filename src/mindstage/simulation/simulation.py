@@ -50,7 +50,7 @@ from mindstage.knowledge.sentences import resolve_question
 from mindstage.lazy_names import registered_function
 from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
 from mindstage.rdf import SparqlResult
-from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
+from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, PoseLike, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, fault_error, find_robot
@@ -77,7 +77,7 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
@@ -309,7 +309,7 @@ class Simulation:
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
-        return report
+        return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def check_rest(self) -> tuple[MovedBody, ...]:
         """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
@@ -835,11 +835,26 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        return place_item(self, item, on=on, into=into, near=near)
+        placed = place_item(self, item, on=on, into=into, near=near)
+        return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def fit_geometry(self, body: Body) -> BodyGeometry | None:
         """The geometry that a body would have, without fitting it to other bodies."""
         return self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
+
+    def body(self, id: str) -> SimulationBody:
+        """A body whose state can be read: `sim.body("cup").pose`.
+
+        Args:
+            id: the id or IRI of a body.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+        """
+        found = find_body(self, id)
+        if found is None:
+            raise BodyNotFoundError(id, known=self.state.ids)
+        return SimulationBody(self, found)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -909,7 +924,7 @@ class Simulation:
     def add_robot(
         self,
         source: str | os.PathLike[str] | RobotModel,
-        pose: Pose = IDENTITY,
+        pose: PoseLike = IDENTITY,
         *,
         name: str = "",
         xacro: bool | None = None,
@@ -918,7 +933,7 @@ class Simulation:
 
         Args:
             source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
-            pose: where it stands on the floor, in the world frame.
+            pose: where it stands on the floor, in the world frame; three numbers are x, y and z, without a rotation.
             name: its name; by default that of the model, numbered if there are several.
             xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
                 Give False for a source that the user has not chosen.
@@ -1218,6 +1233,7 @@ class Simulation:
 
     def _read_state(self) -> StateSnapshot:
         ids, poses = self._engine.poses()
+        poses.flags.writeable = False
         clock, highlights = self._clock, self._engine.highlights()
         return StateSnapshot(
             time_s=self._engine.time_s,

@@ -97,7 +97,7 @@ class Viewer:
             ViewerUnavailableError: the host or port cannot be served; a port that was given is not replaced.
         """
         self._simulation = simulation
-        self.channel = RpcChannel()
+        self.channel = RpcChannel(expected_rebuild_s=lambda: simulation.state.expected_rebuild_s)
         """The RPC channel of all pages."""
         self._token = token
         self._server = serve(
