@@ -18,6 +18,7 @@ from mindstage.engines import make_engine
 from mindstage.errors import MindstageError
 from mindstage.knowledge.questions import list_questions
 from mindstage.registry import problems
+from mindstage.robots import add_robot
 from mindstage.robots.sensors import measure
 from mindstage.robots.skills import start_skill
 from mindstage.ros import RosInterface
@@ -41,7 +42,7 @@ def error_of(call: Any, *args: Any, **options: Any) -> str:
 
 def local(sim: ms.Simulation, folder: Path) -> dict[str, Any]:
     """What Python calls give."""
-    robot = sim.add_robot("mobile_manipulator")
+    robot = add_robot(sim, "mobile_manipulator")
     waved = robot.run(start_skill(robot, "wave", {}))
     notes = sim.save(folder / "out.stock")
     (folder / "pantry.ttl").write_text(MAP, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Names that are imported when they are first used, and calls of what may not or need not be imported yet."""
+"""Names that are imported when they are first used, and calls after an import."""
 
 from __future__ import annotations
 

@@ -24,6 +24,7 @@ from mindstage.imagination import (
     try_first,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot, find_robot
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
 from tests.engines.scenes import body, world
@@ -136,7 +137,7 @@ def test_time_stands_still_during_the_trial_of_a_playing_simulation() -> None:
 def test_a_stopped_plan_stops_its_robot() -> None:
     with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False) as sim:
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1))))
-        robot = sim.add_robot("mobile_manipulator")
+        robot = add_robot(sim, "mobile_manipulator")
         calls = iter([False] * 6 + [True] * 1000)
         result = act(sim, PlanBuilder().perform("go_to", x=3.0, y=0.0).build(), stop=lambda: next(calls))
         assert (result.outcome, result.is_interrupted) == (Outcome.UNKNOWN, True)
@@ -151,7 +152,7 @@ def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None
     with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
         box = body("box", (2.0, 2.0, 0.05), (0.1, 0.1, 0.1), "dynamic", 1.0)
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), box))
-        sim.add_robot("mobile_manipulator")
+        add_robot(sim, "mobile_manipulator")
         plan = PlanBuilder().perform("go_to", x=0.3, y=0.2).perform("park").uncertain("box", mass=0.1).build()
         here = imagine(sim, plan, samples=2, width=None)
         there = imagine(sim, plan, samples=2, width=None, workers=2)
@@ -159,7 +160,7 @@ def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None
         assert here.results == there.results
         assert [done.skill for done in here.results[0].skills] == ["go_to", "park"]
         assert here.replay(1).result == here.results[1]
-        assert sim.robot().base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+        assert find_robot(sim).base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
 def test_what_a_plan_did_is_one_step_of_the_history(table: Simulation) -> None:

@@ -21,6 +21,7 @@ from mindstage.scene.transforms import quat_rotate
 __all__ = ["LASER_SCANNER", "ODOMETRY", "LaserScan", "Sensor", "measure", "sensor_names"]
 
 _RAYS = 360
+"""The number of directions of a scan."""
 _RANGE_M = 10.0
 
 
