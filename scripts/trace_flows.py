@@ -14,6 +14,7 @@ import mindstage
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
 from mindstage.scene import World
+from mindstage.scene.edits import Spawn
 from mindstage.simulation import Simulation
 
 __all__ = ["FlowTracer", "main"]
@@ -60,7 +61,7 @@ def main() -> int:
 
     def spawn_into_engine() -> None:
         engine = MujocoEngine()
-        engine.spawn(world)
+        engine.apply(Spawn(world))
         engine.step(0.01)
         engine.close()
 

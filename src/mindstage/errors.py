@@ -7,7 +7,7 @@
     │   ├── PoseUnreachableError        a joint or attachment does not allow the pose
     │   ├── UnreachableError            a robot cannot get there: a limit, or an obstacle
     │   ├── NoFreePlacementError        no free placement for the object
-    │   ├── RestoreError                a deleted body cannot be restored
+    │   ├── SpawnRefusedError           a part of a world cannot be spawned, and so nothing of it was
     │   ├── NothingToUndoError          the undo or redo stack is empty
     │   ├── HistoryChangedError         another client has edited since the history was read
     │   ├── AttachmentError             a cycle, or the child already has a parent
@@ -162,7 +162,6 @@ __all__ = [
     "RendererUnavailableError",
     "RequestLimitError",
     "ResourceRefusedError",
-    "RestoreError",
     "RobotError",
     "RobotLibraryError",
     "RobotModelError",
@@ -181,6 +180,7 @@ __all__ = [
     "SourceParseError",
     "SparqlSyntaxError",
     "SparqlTimeoutError",
+    "SpawnRefusedError",
     "StoreError",
     "TextureNotFoundError",
     "TypeNotFoundError",
@@ -379,12 +379,12 @@ class NoFreePlacementError(WorldError):
 
 
 @dataclass(eq=False, repr=False)
-class RestoreError(WorldError):
-    """A deleted body cannot be restored."""
+class SpawnRefusedError(WorldError):
+    """A body, joint or attachment of a world cannot be spawned, and nothing of that world was."""
 
-    code = "ReturnRefused"
-    template = "{body!r} cannot be restored: {reason}"
-    body: str
+    code = "SpawnRefused"
+    template = "{id!r} cannot be spawned: {reason}"
+    id: str
     _: KW_ONLY
     reason: str
 

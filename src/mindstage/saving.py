@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from mindstage.errors import InvalidArgumentError, MapWriteError, SourceParseError
+from mindstage.scene.edits import Spawn
 
 if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
@@ -302,7 +303,7 @@ def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot
 
     engine = GodotEngine(None if godot is None else Path(godot))
     try:
-        report = engine.spawn(world, geometry=fitted.geometry)
+        report = engine.apply(Spawn(world, geometry=fitted.geometry)).report
         with TemporaryDirectory(prefix="mindstage-") as folder:
             scene = Path(folder, "scene.tscn")
             engine.save_scene(scene)

@@ -10,6 +10,7 @@ from mindstage.cli.options import ExitCode
 from mindstage.engines import make_engine
 from mindstage.knowledge import KnowledgeBase, write_map
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 from tests.cli.runner import Run, json_output
 from tests.kitchenette import MAP, kitchenette
@@ -29,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with simulation.record(runs / "run.mcap"):
             simulation.step(0.5)
             pose = Pose((2.0, 1.0, 1.85))
-            simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), pose), edits=True)
+            simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True)
             simulation.step(0.5)
     return folder
 

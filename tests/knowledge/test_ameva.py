@@ -24,6 +24,7 @@ from mindstage.knowledge import (
 from mindstage.knowledge.dialects.unit_conversion import original_property
 from mindstage.scene import AxisMotion, Body, Iri, Pose, World
 from mindstage.scene.bounding_boxes import world_bounds
+from mindstage.scene.edits import Spawn
 from tests.knowledge.maps import (
     KNOWROB,
     ReadMap,
@@ -298,7 +299,7 @@ def as_value(term: ox.NamedNode | ox.Literal | ox.BlankNode | ox.Triple) -> str:
 def test_a_real_map_is_stable_for_ten_seconds(task_two: tuple[World, KnowledgeBase]) -> None:
     world, _ = task_two
     engine = MujocoEngine()
-    assert engine.spawn(world).ok
+    assert engine.apply(Spawn(world)).report.ok
     ids, before = engine.poses()
     engine.step(10.0)
     _, after = engine.poses()

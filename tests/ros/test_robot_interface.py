@@ -23,6 +23,7 @@ from mindstage.ros import RosInterface, RosVersion
 from mindstage.ros.robot_controllers import controllers_of
 from mindstage.ros.robot_description import description_of
 from mindstage.scene import Pose
+from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import pose_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
@@ -136,7 +137,8 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         assert not again["success"]
         assert "rob" in again["refusal"]["text"]
         playing.run_on_engine(
-            lambda engine: engine.delete([body.id for body in playing.robot("rob").placed.world.bodies]), edits=True
+            lambda engine: engine.apply(Delete(tuple([body.id for body in playing.robot("rob").placed.world.bodies]))),
+            edits=True,
         )
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())
         assert "Mug" in client.ros.get_param("/robot_description")

@@ -5,11 +5,9 @@ from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, 
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
 from mindstage.imagination.plan_files import PlanBuilder, PlanFile, dump_plan, load_plan, plan_schema
 from mindstage.imagination.plans import (
-    Attach,
     ChangePhysics,
     Check,
     Close,
-    Detach,
     Move,
     Open,
     Perform,
@@ -23,6 +21,7 @@ from mindstage.imagination.plans import (
 )
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.verdicts import CauseCount, Progress, Replay, ReplayFrame, Verdict, imagine, wilson_interval
+from mindstage.scene.edits import Attach, Detach
 
 __all__ = [
     "Attach",

@@ -22,11 +22,9 @@ from mindstage.access.limits import Deadline, PositiveDuration
 from mindstage.errors import PlanError
 from mindstage.imagination.execution import validate_plan
 from mindstage.imagination.plans import (
-    Attach,
     ChangePhysics,
     Check,
     Close,
-    Detach,
     Move,
     Open,
     Perform,
@@ -39,7 +37,8 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.ranges import ForceVector, Fraction, Point, PositiveMass, checked
-from mindstage.scene import Mobility, Pose
+from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene.edits import Attach, Detach
 from mindstage.simulation import Simulation
 
 __all__ = ["PlanBuilder", "PlanFile", "dump_plan", "load_plan", "plan_schema"]
@@ -177,15 +176,13 @@ class PlanBuilder:
         """Adds a `Wait`, whose deadline is by default long enough."""
         return self.add(Wait(duration_s=duration_s, **{"deadline_s": max(10.0, duration_s + 1.0), **options}))
 
-    @checked
-    def attach(self, child: str, *, to: str, **options: Deadline) -> Self:
+    def attach(self, child: str, *, to: str) -> Self:
         """Adds an `Attach`."""
-        return self.add(Attach(parent=to, child=child, **options))
+        return self.add(Attach(BodyId(to), BodyId(child)))
 
-    @checked
-    def detach(self, child: str, **options: Deadline) -> Self:
+    def detach(self, child: str) -> Self:
         """Adds a `Detach`."""
-        return self.add(Detach(child=child, **options))
+        return self.add(Detach(BodyId(child)))
 
     @checked
     def change_physics(
