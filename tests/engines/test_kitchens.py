@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World
 from mindstage.scene.edits import Spawn
 from mindstage.scene.kinematics import joint_reach

@@ -16,7 +16,8 @@ import mindstage as ms
 from mindstage.engines import Capability, Engine, GodotEngine, MujocoEngine, NullEngine
 from mindstage.engines.base import Applied
 from mindstage.errors import BodyNotFoundError, CommitError, ImaginationError, SimulationError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, diff
 from mindstage.scene.edits import Attach, Delete, Edit, SetLabel, SetMaterials, SetPoses, Spawn
 from mindstage.simulation import Simulation, SimulationImage

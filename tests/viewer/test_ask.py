@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.knowledge import bundled_kitchen
 from mindstage.knowledge.queries import list_questions
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import is_installed, solve_query
 from mindstage.simulation.question_pool import QuestionPool
 from mindstage.viewer.ask import AskHandler
@@ -314,6 +314,12 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
                 page.ask("ask", question="stays")
         with pytest.raises(RequestFailedError, match=r"TooManyQuestions: .*4 other questions are being answered"):
             page.ask("ask", question="stays")
+        for method, arguments, label in (
+            ("ask.sparql", {"query": "ASK {}"}, "the query"),
+            ("ask.complete", {"prefix": "Cup"}, "the completion"),
+        ):
+            with pytest.raises(RequestFailedError, match=rf"TooManyQuestions: .*{label}"):
+                page.ask(method, **arguments)
         assert page.ask("ask.questions")
         assert simulation.ping() < 10.0
     finally:

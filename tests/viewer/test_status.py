@@ -16,7 +16,7 @@ from mindstage.engines import (
     SpawnNoteKind,
 )
 from mindstage.engines.base import Applied, SpawnFailure
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, Iri
 from mindstage.scene.edits import Delete, Edit
 from mindstage.simulation import ConnectedClient

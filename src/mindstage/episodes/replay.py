@@ -42,7 +42,8 @@ from mindstage.errors import (
     UnsupportedByEngineError,
 )
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.ranges import Finite, ForceVector, Point, Time, checked
 from mindstage.scene import BodyId, Color, World
 from mindstage.scene.edits import Edit, Spawn
@@ -260,7 +261,6 @@ def knowledge_of(recording: Recording, *, worlds_only: bool = False) -> Knowledg
     """The knowledge base of a recording.
 
     Args:
-        recording: the recording.
         worlds_only: whether it is made from the recorded worlds and the bundled ontology, as it is for a recording
             without a knowledge base.
 

@@ -22,19 +22,22 @@ import pyoxigraph as ox
 
 from mindstage.access.limits import Timeout
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
-from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
-from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
-from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
 from mindstage.knowledge.history import NOW, EpisodeSource, QuestionTime, histories_of, time_arguments
-from mindstage.knowledge.io.files import event_ontology, map_path
-from mindstage.knowledge.io.sources import SourceRegistry, StrPath
-from mindstage.knowledge.map_statistics import MapStatistics, map_statistics
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.over_time import argument_names, ask_over_time, episode_source, state_of_time
 from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
 from mindstage.knowledge.questions import AnswerRow, Answers, Question, StateAccess, get_question
-from mindstage.knowledge.rdf import (
+from mindstage.knowledge.reasoner import Reasoner
+from mindstage.knowledge.sources import SourceRegistry, StrPath
+from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
+from mindstage.maps.dialects.conventions import Assumption, AssumptionSink, UnitConventions
+from mindstage.maps.dialects.map_statistics import MapStatistics, map_statistics
+from mindstage.maps.dialects.membership import individuals_by_map, without_other_maps
+from mindstage.maps.dialects.source_map import MeshBounds, SourceMap
+from mindstage.maps.io.files import event_ontology, map_path
+from mindstage.ranges import Time, checked
+from mindstage.rdf.graphs import (
     PREFIXES,
     PRESENT_GRAPH,
     Finding,
@@ -44,22 +47,19 @@ from mindstage.knowledge.rdf import (
     TripleStore,
     gc_paused,
     local_name,
+    node_to_look_up,
 )
-from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.reasoner_properties import node_from_label
-from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
-from mindstage.ranges import Time, checked
+from mindstage.rdf.taxonomy import ClassHierarchy
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
 if TYPE_CHECKING:  # not every program needs these
     from mindstage.knowledge.endpoint import SparqlEndpoint
-    from mindstage.knowledge.graph_diff import SourceMapView
     from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
     from mindstage.knowledge.sparql_query import QueryPrefixes
     from mindstage.knowledge.world_cache import WorldCache
+    from mindstage.maps.io.graph_diff import SourceMapView
 
 __all__ = ["AnswerCache", "KnowledgeBase"]
 
@@ -75,6 +75,8 @@ class _KnowledgeArchive(msgspec.Struct, frozen=True, kw_only=True):
     sources: bytes
     worlds: dict[Iri, World]
     """The worlds that were read."""
+    assumptions: tuple[Assumption, ...] = ()
+    """Those that were made of them."""
 
 
 class AnswerCache:
@@ -114,7 +116,8 @@ class AnswerCache:
 class KnowledgeBase:
     """Loads semantic maps and ontologies, reads worlds from the maps and answers questions about both.
 
-    >>> from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+    >>> from mindstage.knowledge import KnowledgeBase
+    >>> from mindstage.maps import bundled_kitchen
     >>> knowledge = KnowledgeBase()
     >>> knowledge.load(bundled_kitchen())
     >>> world = knowledge.world()
@@ -189,6 +192,7 @@ class KnowledgeBase:
             atexit.unregister(self._at_exit)
             self._at_exit = None
         self._registry.close()
+        self._drop_cached("_answer_cache")  # answers about classes refer to the knowledge base
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs for an equal knowledge base, which is kept in memory there.
@@ -210,13 +214,16 @@ class KnowledgeBase:
         self._episodes = ()
 
     def to_bytes(self) -> bytes:
-        """All sources, statements and worlds, from which `from_bytes` makes an equal knowledge base anywhere.
+        """All sources, statements, worlds and assumptions; `from_bytes` makes an equal knowledge base of them anywhere.
 
         Raises:
             InvalidArgumentError: there is a SPARQL endpoint.
         """
         with self.lock:
-            archive = _KnowledgeArchive(sources=self._registry.to_bytes(), worlds=dict(self._worlds))
+            assumptions = tuple(self._assumptions.values())
+            archive = _KnowledgeArchive(
+                sources=self._registry.to_bytes(), worlds=dict(self._worlds), assumptions=assumptions
+            )
         return msgspec.msgpack.encode(archive)
 
     @classmethod
@@ -231,6 +238,7 @@ class KnowledgeBase:
         knowledge._registry = SourceRegistry.from_bytes(archive.sources)
         knowledge._store = knowledge._registry.store
         knowledge._worlds = dict(archive.worlds)
+        knowledge._assumptions = {(each.map, each.topic): each for each in archive.assumptions}
         return knowledge
 
     def _save_index(self) -> None:
@@ -393,7 +401,7 @@ class KnowledgeBase:
             MapNotFoundError: no map is loaded, or none has that name.
             AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
-        from mindstage.knowledge.graph_diff import SourceMapView
+        from mindstage.maps.io.graph_diff import SourceMapView
 
         with self.lock:
             source_map = self._source_map(self._resolve_map(map))
@@ -417,11 +425,7 @@ class KnowledgeBase:
 
     def stated_classes(self, individual: str) -> tuple[Iri, ...]:
         """The classes that an individual is stated to have, without those of OWL; empty for anything else."""
-        try:
-            node = node_from_label(Iri(individual)) if individual.startswith("_:") else ox.NamedNode(individual)
-        except ValueError:  # a path
-            return ()
-        quads = self._store.quads_for_pattern(node, ox.NamedNode(TYPE), None)
+        quads = self._store.quads_for_pattern(node_to_look_up(Iri(individual)), ox.NamedNode(TYPE), None)
         names = (Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode))
         return tuple(sorted({name for name in names if not name.startswith(OWL)}))
 
@@ -727,7 +731,7 @@ class KnowledgeBase:
             runtime_only: whether to give only what was asserted at run time.
         """
         graph = RUNTIME_GRAPH if runtime_only else None
-        quads = self._store.quads_for_pattern(node_from_label(individual), None, None, graph)
+        quads = self._store.quads_for_pattern(node_to_look_up(individual), None, None, graph)
         facts = {
             PropertyAssertion(Iri(quad.predicate.value), _value(quad.object))
             for quad in quads
@@ -739,7 +743,9 @@ class KnowledgeBase:
         self, *, property: Iri | None = None, runtime_only: bool = False
     ) -> tuple[tuple[Iri, PropertyAssertion], ...]:
         """All asserted statements with a property, or all that were asserted at run time, with their subjects."""
-        predicate = None if property is None else ox.NamedNode(property)
+        predicate = None if property is None else node_to_look_up(property)
+        if isinstance(predicate, ox.BlankNode):  # not an IRI
+            return ()
         quads = self._store.quads_for_pattern(None, predicate, None, RUNTIME_GRAPH if runtime_only else None)
         return tuple(
             (Iri(quad.subject.value), PropertyAssertion(Iri(quad.predicate.value), _value(quad.object)))
@@ -858,7 +864,7 @@ class KnowledgeBase:
         raise MapNotFoundError(requested=requested if requested and maps else files, known=maps)
 
     def _source_map(self, map: Iri) -> SourceMap:
-        from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
+        from mindstage.maps.rdf_mapping.nested import nest_blank_nodes
 
         graph, census = self._registry.map_graph(map)
         graph = nest_blank_nodes(without_other_maps(graph, map, census))
@@ -882,7 +888,7 @@ class KnowledgeBase:
         self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
     ) -> World:
         """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
-        from mindstage.knowledge.dialects.registry import read_world  # many questions need no world
+        from mindstage.maps.dialects.registry import read_world  # many questions need no world
 
         with gc_paused():
             source_map = self._source_map(map)

@@ -24,8 +24,8 @@ from mindstage.knowledge.owl import (
     UnionOf,
     named_classes,
 )
-from mindstage.knowledge.taxonomy import TransitiveClosure
-from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
+from mindstage.rdf.taxonomy import TransitiveClosure
+from mindstage.rdf.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
 from mindstage.scene import Iri
 
 __all__ = [
@@ -118,7 +118,6 @@ class ClassAxioms:
         """Adds axioms without the statements that they follow from; later, statements can be added but not removed.
 
         Args:
-            axioms: the axioms.
             parser: has the fillers and restricted properties of their statements.
             names: the names in their statements.
         """

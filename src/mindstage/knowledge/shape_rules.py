@@ -38,9 +38,9 @@ from typing import NamedTuple, TypeVar
 import pyoxigraph as ox
 
 from mindstage.errors import InvalidColorError, TextureNotFoundError
-from mindstage.knowledge.rdf import BUNDLED_GRAPHS, QuadSource, local_name
-from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.knowledge.vocabulary import KNOWROB, LABEL, MS, RDFS, XSD, ms
+from mindstage.rdf.graphs import BUNDLED_GRAPHS, QuadSource, local_name, node_to_look_up
+from mindstage.rdf.taxonomy import ClassHierarchy
+from mindstage.rdf.vocabulary import KNOWROB, LABEL, MS, RDFS, XSD, ms
 from mindstage.scene import Color, GeometrySource, Iri, LightType, PbrMaterial, Vector
 from mindstage.scene.colors import parse_color
 from mindstage.textures.catalog import texture_info
@@ -169,7 +169,7 @@ def singular_forms(word: str) -> tuple[str, ...]:
 
 def stable_hash(text: str) -> int:
     """A hash of a text that is the same in every process."""
-    return int.from_bytes(blake2s(text.encode(), digest_size=4).digest(), "big")
+    return int.from_bytes(blake2s(text.encode(errors="surrogatepass"), digest_size=4).digest(), "big")
 
 
 T = TypeVar("T")
@@ -183,7 +183,6 @@ _MADE_OF, _IN_COLOR, _WORD = ms("madeOf"), ms("inColour"), ms("nameWord")
 _GIVES_LIGHT, _LIGHT_COLOR, _LIGHT_INTENSITY = ms("givesLight"), ms("lightColour"), ms("lightIntensity")
 _PLACE = Iri(KNOWROB + "Place")
 _SUBPROPERTY = Iri(RDFS + "subPropertyOf")
-_BUNDLED_GRAPH = re.compile(rf"{BUNDLED_GRAPHS}|file:.*/knowledge/bundled/[^/]*$")  # the latter in older stores
 _NUMBERS = frozenset(XSD + name for name in ("integer", "int", "decimal", "double", "float", "nonNegativeInteger"))
 
 
@@ -225,7 +224,7 @@ class ShapeAnnotations:
     def label_of(self, subjects: Iterable[Iri]) -> str:
         """The label of the first of these classes that has one, in lower case; English before other languages."""
         for subject in subjects:
-            labels = [quad.object for quad in self._quads(LABEL, ox.NamedNode(subject))]
+            labels = [quad.object for quad in self._quads(LABEL, node_to_look_up(subject))]
             literals = [label for label in labels if isinstance(label, ox.Literal)]
             if literals:
                 return min(literals, key=lambda each: (each.language != "en", each.value)).value.lower()
@@ -234,7 +233,7 @@ class ShapeAnnotations:
     def material_words(self, subject: Iri) -> Iterator[str]:
         """The words that refer to a material."""
         for property in (LABEL, _WORD):
-            for quad in self._quads(property, ox.NamedNode(subject)):
+            for quad in self._quads(property, node_to_look_up(subject)):
                 yield str(getattr(quad.object, "value", "")).lower()
 
     def all_words(self) -> Iterator[tuple[str, Iri]]:
@@ -289,7 +288,7 @@ class ShapeAnnotations:
             if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.Literal):
                 yield quad.object.value.lower(), Iri(quad.subject.value)
 
-    def _quads(self, property: Iri, subject: ox.NamedNode | None = None) -> Iterator[ox.Quad]:
+    def _quads(self, property: Iri, subject: ox.NamedNode | ox.BlankNode | None = None) -> Iterator[ox.Quad]:
         return self._store.quads_for_pattern(subject, ox.NamedNode(property), None)
 
 
@@ -298,7 +297,7 @@ def _preferred(values: list[tuple[bool, T]]) -> list[T]:
 
 
 def _is_bundled(quad: ox.Quad) -> bool:
-    return isinstance(quad.graph_name, ox.NamedNode) and bool(_BUNDLED_GRAPH.match(quad.graph_name.value))
+    return isinstance(quad.graph_name, ox.NamedNode) and quad.graph_name.value.startswith(BUNDLED_GRAPHS)
 
 
 def _role(property: Iri, suffix: str) -> str:

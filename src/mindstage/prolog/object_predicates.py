@@ -31,10 +31,10 @@ from mindstage.knowledge.history import History, QuestionTime, histories_of
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.over_time import state_of_time
 from mindstage.knowledge.questions import StateAccess, WorldState
-from mindstage.knowledge.rdf import local_name, namespace_of
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import FREE, Atom, Compound, Value
 from mindstage.ranges import Time, check_number, declared_range
+from mindstage.rdf.graphs import local_name, namespace_of
 from mindstage.scene import (
     AngularLimits,
     AxisMotion,
@@ -62,6 +62,7 @@ _CENTER_M = 0.20
 _CONTAINMENT_M = 0.05
 """The tolerances of KnowRob's comp_spatial.pl (M. Tenorth, L. Kunze, 2009-13) [m]."""
 _VERTICAL = 1e-9
+"""A direction with a smaller component is parallel to a plane; a fraction of its length."""
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 
 _JOINT_NUMBERS = 28

@@ -20,7 +20,7 @@ from mindstage.robots.model import RobotLink, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot, RobotSession, contact_free_pairs
 from mindstage.robots.world import RobotWorld, robot_world
-from mindstage.scene import IDENTITY, BodyGeometry, BodyId, Pose, World
+from mindstage.scene import IDENTITY, BodyGeometry, BodyId, PoseLike, World
 from mindstage.scene.edits import Delete, Edit, GeometryEdit, Spawn
 from mindstage.scene.geometry import Inertia
 from mindstage.simulation.state import SessionEdit
@@ -189,12 +189,12 @@ class RemoveRobot(SessionEdit, frozen=True, kw_only=True):
 def place_robot(
     session: RobotSession,
     source: str | PathLike[str] | RobotModel,
-    pose: Pose = IDENTITY,
+    pose: PoseLike = IDENTITY,
     *,
     name: str = "",
     names: Iterable[str] = (),
     xacro: bool | None = False,
-) -> str:
+) -> Robot:
     """Adds a robot; see `Simulation.add_robot`.
 
     Args:
@@ -204,9 +204,6 @@ def place_robot(
         name: its name; by default that of the model.
         names: the names of the robots that exist.
         xacro: see `load_model`.
-
-    Returns:
-        Its name.
 
     Raises:
         RobotNotFoundError: no model has that name.
@@ -250,4 +247,4 @@ def place_robot(
             cause=f"{error.id!r} cannot be spawned: {error.reason}",
             remedy="correct the description",
         ) from error
-    return name
+    return session.robots[name]

@@ -66,6 +66,10 @@ class RobotSession(EngineSession, Protocol):
         """All answers to a question about the current state."""
 
     @property
+    def robots(self) -> Mapping[str, Robot]:
+        """The robots by name."""
+
+    @property
     def report(self) -> ReportFunction:
         """Reports an edit or a request to observers."""
 
@@ -118,7 +122,6 @@ class Robot:
             edit: the `AddRobot` that has added it.
             session: the simulation.
             controller: what commands its actuators.
-            report: of its spawn.
         """
         self.name = name
         self.model = model

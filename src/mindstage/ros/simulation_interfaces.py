@@ -46,10 +46,11 @@ from mindstage.errors import (
     XacroRefusedError,
 )
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, UnitConventions
-from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import UnitConventions
 from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
+from mindstage.rdf.graphs import local_name
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
 from mindstage.ros.state import StateReader, free_id, map_iri
@@ -522,9 +523,7 @@ def asset_problem(
     """Returns which meshes of a spawned world are not used, and why; None if all are.
 
     Args:
-        world: the world.
         simulation: the simulation in which it was spawned.
-        report: the report of the spawn.
         any_geometry: whether a mesh may be replaced by the shape that the ontology states for the class.
     """
     replacing = {GeometrySource.MESH, GeometrySource.ONTOLOGY} if any_geometry else {GeometrySource.MESH}

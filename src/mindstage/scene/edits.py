@@ -17,7 +17,7 @@ from msgspec.structs import force_setattr, replace
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.scene.geometry import NO_GEOMETRY, BodyGeometry, GeometryMap
-from mindstage.scene.model import Body, BodyId, BodyPhysics, Material, Pose, World
+from mindstage.scene.model import Body, BodyId, BodyPhysics, Material, Pose, World, as_pose
 
 __all__ = [
     "Attach",
@@ -241,6 +241,10 @@ class SetPoses(Edit, frozen=True):
     of that: each is restored relative to it, also where physics had pushed it beyond a limit of its joint. None
     for a new motion, which is neither."""
 
+    def __post_init__(self) -> None:
+        if not all(isinstance(each, Pose) for each in self.poses.values()):
+            force_setattr(self, "poses", {id: as_pose(each) for id, each in self.poses.items()})
+
     @property
     def ids(self) -> tuple[BodyId, ...]:
         """See `Edit`."""
@@ -262,6 +266,10 @@ class Attach(Edit, frozen=True):
     child: BodyId
     pose: Pose | None = None
     """In the frame of the parent: the child is moved there first. None if both keep their poses."""
+
+    def __post_init__(self) -> None:
+        if self.pose is not None:
+            force_setattr(self, "pose", as_pose(self.pose))
 
     @property
     def ids(self) -> tuple[BodyId, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from mindstage.engines.base import Capability, Engine, SpawnNoteKind
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import (
     Body,
     BodyGeometry,
@@ -67,6 +67,8 @@ class PlacementResult(msgspec.Struct, frozen=True, kw_only=True, rename={"suppor
     """The pose at which it came to rest."""
     attempts: int
     """Number of candidates that were simulated."""
+    expected_rebuild_s: float = 0.0
+    """How long the engine is expected to rebuild its model before time goes on [s]."""
 
 
 def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:

@@ -43,7 +43,7 @@ from mindstage.errors import (
     SimulationError,
     SimulationFaultError,
 )
-from mindstage.knowledge import KnowledgeBase, SparqlResult
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.history import NOW, WorldState, time_arguments
 from mindstage.knowledge.over_time import argument_names, ask_over_time, recorded_so_far
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
@@ -51,7 +51,8 @@ from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
 from mindstage.lazy_names import registered_function
 from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
-from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
+from mindstage.rdf import SparqlResult
+from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, PoseLike, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.scene.edits import Edit, SetPoses, Spawn
@@ -80,7 +81,7 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.state import SessionEdit, StateSnapshot
+from mindstage.simulation.state import SessionEdit, SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
@@ -312,7 +313,7 @@ class Simulation:
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
-        return report
+        return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
 
     @checked
     def apply(
@@ -911,11 +912,26 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        return place_item(self, item, on=on, into=into, near=near, title=title)
+        placed = place_item(self, item, on=on, into=into, near=near, title=title)
+        return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def fit_geometry(self, body: Body) -> BodyGeometry | None:
         """The geometry that a body would have, without fitting it to other bodies."""
         return self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
+
+    def body(self, id: str) -> SimulationBody:
+        """A body whose state can be read: `sim.body("cup").pose`.
+
+        Args:
+            id: the id or IRI of a body.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+        """
+        found = find_body(self, id)
+        if found is None:
+            raise BodyNotFoundError(id, known=self.state.ids)
+        return SimulationBody(self, found)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -985,7 +1001,7 @@ class Simulation:
     def add_robot(
         self,
         source: str | os.PathLike[str] | RobotModel,
-        pose: Pose = IDENTITY,
+        pose: PoseLike = IDENTITY,
         *,
         name: str = "",
         xacro: bool | None = None,
@@ -994,7 +1010,7 @@ class Simulation:
 
         Args:
             source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
-            pose: where it stands on the floor, in the world frame.
+            pose: where it stands on the floor, in the world frame; three numbers are x, y and z, without a rotation.
             name: its name; by default that of the model, numbered if there are several.
             xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
                 Give False for a source that the user has not chosen.
@@ -1005,8 +1021,7 @@ class Simulation:
         """
         from mindstage.robots.edits import place_robot
 
-        added = place_robot(self, source, pose, name=name, names=self.robots, xacro=xacro)
-        return self._robots[added]
+        return place_robot(self, source, pose, name=name, names=self.robots, xacro=xacro)
 
     def keep_robot(self, name: str, world: World, make: Callable[[Simulation, SpawnReport], Robot]) -> None:
         """Keeps a robot that an edit has added, in the engine thread; one that was removed before is the same again.
@@ -1305,6 +1320,7 @@ class Simulation:
 
     def _read_state(self) -> StateSnapshot:
         ids, poses = self._engine.poses()
+        poses.flags.writeable = False
         clock, highlights = self._clock, self._engine.highlights()
         return StateSnapshot(
             time_s=self._engine.time_s,

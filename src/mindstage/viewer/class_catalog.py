@@ -16,8 +16,8 @@ from mindstage.access.limits import FOUND_CLASSES
 from mindstage.files import atomic_write, cache_dir
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import name_words
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import LABEL, SYNONYM
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import LABEL, SYNONYM
 from mindstage.rendering.thumbnails import render_thumbnail
 from mindstage.scene import Iri, Literal, Vector
 from mindstage.simulation import Simulation
@@ -70,11 +70,7 @@ class ClassCatalog:
     """The catalog of a simulation's knowledge; may be used from any thread."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Reads nothing yet.
-
-        Args:
-            simulation: the simulation.
-        """
+        """Reads nothing yet."""
         self._simulation = simulation
         self._lock = threading.Lock()
         self._knowledge: KnowledgeBase | None = None

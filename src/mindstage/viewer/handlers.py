@@ -29,7 +29,8 @@ from mindstage.errors import (
     SourceParseError,
 )
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnapshot
@@ -81,7 +82,6 @@ class FileHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -203,7 +203,6 @@ class WorldHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -225,7 +224,6 @@ class WorldHandler:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
-            world: the world.
             enclosing: bodies that are drawn as outlines.
         """
         joints: dict[BodyId, list[Joint]] = {}
@@ -549,7 +547,6 @@ class Handlers:
         """Registers all requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             views: the views of all clients.
             server: the server of both.
@@ -580,7 +577,6 @@ class Handlers:
         """Moves a body, and the other selected ones rigidly with it, as one edit.
 
         Args:
-            id: the body.
             pose: its new pose.
             selection: the selected bodies.
             to_surface: whether to put the body down on what is below it.
@@ -598,7 +594,6 @@ class Handlers:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
-            world: the world.
             enclosing: bodies that are drawn as outlines.
         """
         self._world.on_rebuild(world, enclosing=enclosing)

@@ -20,8 +20,8 @@ from mindstage.knowledge.questions import (
     WorldState,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import CHILD, HAS_POSE, knowrob
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import CHILD, HAS_POSE, knowrob
 from mindstage.scene import Body, BodyId, Iri, Joint, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage
 from mindstage.scene.kinematics import JointDisplacement, RigidGroups, is_robot_part, joint_displacement, moving_body
@@ -278,7 +278,6 @@ def find_openings(
 
     Args:
         kb: the knowledge base.
-        world_state: the state.
         front: the door, drawer or lid; None for all.
         furniture: finds the containers; it can be used again for a state with the same spawned worlds.
     """

@@ -36,11 +36,11 @@ from mindstage.knowledge.questions import (
     QuestionContext,
     question,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_classes import ClassRestriction
 from mindstage.knowledge.reasoner_properties import ObjectTriple
-from mindstage.knowledge.vocabulary import (
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import (
     AFFORDS_TASK,
     AFFORDS_TRIGGER,
     CLASSIFIES,
@@ -87,7 +87,6 @@ def _missing_use(
     """The missing statement about an individual, or about everything in a map.
 
     Args:
-        reasoner: the reasoner.
         individual: the individual; None for all.
         map: the map; None for all.
         property: the property of the missing restrictions.
@@ -239,8 +238,6 @@ def _find_devices(reasoner: Reasoner, action: Iri, device: Iri | None = None) ->
     """The devices that an action needs, or that afford it.
 
     Args:
-        reasoner: the reasoner.
-        action: the action.
         device: the only class that is wanted; one that no restriction names stands for its subclasses.
     """
     needs = list(_needed_classes(reasoner, action))

@@ -282,6 +282,8 @@ class AddRobot(base.Service):
         name: base.String = ""
         notes: tuple[base.String, ...] = ()
         """What was guessed, or could not be used."""
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class ApplyEdit(base.Service):
@@ -324,6 +326,8 @@ class Attach(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Clear(base.Service):
@@ -335,6 +339,8 @@ class Clear(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Delete(base.Service):
@@ -347,6 +353,8 @@ class Delete(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Describe(base.Service):
@@ -379,6 +387,8 @@ class Detach(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class ForgetState(base.Service):
@@ -583,6 +593,8 @@ class RestoreState(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SaveScene(base.Service):
@@ -622,6 +634,8 @@ class SetActuators(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetCommands(base.Service):
@@ -647,6 +661,8 @@ class SetLabel(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetMaterials(base.Service):
@@ -660,6 +676,8 @@ class SetMaterials(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetPhysics(base.Service):
@@ -674,6 +692,8 @@ class SetPhysics(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetPose(base.Service):
@@ -687,6 +707,8 @@ class SetPose(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetSpeed(base.Service):
@@ -715,6 +737,8 @@ class SpawnWorld(base.Service):
         success: base.Bool = False
         refusal: Refusal = Refusal()
         report: SpawnReport = SpawnReport()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Step(base.Service):
@@ -809,6 +833,8 @@ class SpawnMap(base.Action):
         success: base.Bool = False
         refusal: Refusal = Refusal()
         report: SpawnReport = SpawnReport()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
     class Feedback(base.Message, frozen=True):
         phase: base.String = ""

@@ -16,8 +16,8 @@ import numpy as np
 
 from mindstage.access.resources import is_inside, is_outside_request
 from mindstage.assets.mesh_import import ImportedMesh, import_meshes
-from mindstage.knowledge.io.ros_packages import RosPackagePath
-from mindstage.knowledge.urdf.model import UrdfGeometry, UrdfGeometryType, UrdfRobot
+from mindstage.maps.io.ros_packages import RosPackagePath
+from mindstage.maps.urdf.model import UrdfGeometry, UrdfGeometryType, UrdfRobot
 from mindstage.robots.model import ModelNote
 from mindstage.scene import (
     BodyGeometry,
@@ -226,8 +226,6 @@ def geometry_of_parts(
     """Returns the geometry of a link, whose visual meshes are imported on first access.
 
     Args:
-        visuals: the visual parts.
-        shapes: the collision shapes.
         reason: where it comes from, for reports.
         cache: directory for imported meshes; by default in the user's cache.
         siblings: the visual meshes of all links, which are drawn together with this one.
