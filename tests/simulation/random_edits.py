@@ -20,9 +20,9 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.engines import Engine
-from mindstage.episodes import Episode
+from mindstage.episodes import Episode, Recorder
 from mindstage.errors import InvalidArgumentError, MindstageError
-from mindstage.robots.edits import RemoveRobot
+from mindstage.robots import add_robot, find_robot
 from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Material, Mobility, Pose, World
 from mindstage.scene.edits import Spawn, edit_from_json, edit_to_json
 from mindstage.scene.transforms import (
@@ -148,7 +148,7 @@ class RandomEdits:
             self._copied = seen(self._copy)
             self._episode = folder / "soak.mcap"
             self._episode.unlink(missing_ok=True)
-            self._recorder = self.sim.record(self._episode, rate_hz=10.0)
+            self._recorder = Recorder(self.sim, self._episode, rate_hz=10.0)
 
     @property
     def edits(self) -> Mapping[str, Callable[[random.Random], object]]:
@@ -368,9 +368,8 @@ class RandomEdits:
         if not self._robot:
             return "no robot"
         if self.sim.robots and rng.random() < 0.5:
-            robot, present = self.sim.robots[rng.choice(sorted(self.sim.robots))], set(self.sim.state.ids)
-            bodies = tuple(body.id for body in robot.placed.world.bodies if body.id in present)
-            self.sim.undo_stack.apply(RemoveRobot(robot=robot.edit, bodies=bodies))
+            robot = find_robot(self.sim, rng.choice(sorted(self.sim.robots)))
+            self.sim.undo_stack.apply(robot.edit.removal(self.sim.state.ids))
             return f"{robot.name} removed"
         if len(self.sim.robots) > 1:
             return "enough robots"
@@ -439,7 +438,7 @@ class RandomEdits:
 
     def _add_robot(self, rng: random.Random) -> str:
         x, y, yaw = rng.choice(_ROBOT_PLACES)
-        return self.sim.add_robot(self._robot, Pose((x, y, 0.0), (np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))).name
+        return add_robot(self.sim, self._robot, Pose((x, y, 0.0), (np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))).name
 
     def _check_fresh(self, when: str) -> None:
         """Compares the joints of the running model with those of a new engine that has the snapshot."""

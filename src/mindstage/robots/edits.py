@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from itertools import count
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 from msgspec.structs import replace
 
-from mindstage.engines.base import Actuator, Capability, Engine, SpawnReport
+from mindstage.engines.base import Actuator, Capability, Engine
 from mindstage.engines.edits import RestoreBodies, SetActuators
 from mindstage.errors import RobotModelError, SpawnRefusedError
 from mindstage.robots.controller import RobotController
@@ -25,7 +25,7 @@ from mindstage.scene.edits import Delete, Edit, GeometryEdit, Spawn
 from mindstage.scene.geometry import Inertia
 from mindstage.simulation.state import SessionEdit
 
-__all__ = ["AddRobot", "RemoveRobot", "RobotDescription", "place_robot"]
+__all__ = ["AddRobot", "RemoveRobot", "RobotDescription", "add_robot"]
 
 CONTROLLERS = {"robot": RobotController}
 """The controllers of robots by name; each is made from the drives of the robot, and parameters."""
@@ -134,9 +134,20 @@ class AddRobot(GeometryEdit, SessionEdit, frozen=True, kw_only=True):
 
     def complete(self, session: Any, engine: Engine) -> None:
         """See `SessionEdit`."""
-        session.keep_robot(self.name, self.world, self._robot)
+        former = session.former_robots.get(self.name)
+        is_same = isinstance(former, Robot) and former.placed.world is self.world
+        session.keep_robot(former if is_same else self._robot(session))
 
-    def _robot(self, session: RobotSession, report: SpawnReport) -> Robot:
+    def removal(self, present: Collection[BodyId]) -> RemoveRobot:
+        """The edit that removes the robot.
+
+        Args:
+            present: the bodies of the simulation.
+        """
+        existing = set(present)
+        return RemoveRobot(robot=self, bodies=tuple(id for id in self.ids if id in existing))
+
+    def _robot(self, session: RobotSession) -> Robot:
         placed = RobotWorld(
             world=self.world,
             geometry=self.geometry,
@@ -147,6 +158,7 @@ class AddRobot(GeometryEdit, SessionEdit, frozen=True, kw_only=True):
         )
         model = self.description.model
         controller = CONTROLLERS[self.controller](drives_of(model, placed, name=self.name), **self.parameters)
+        report = session.reports[-1]
         return Robot(self.name, model, placed, edit=self, session=session, controller=controller, report=report)
 
 
@@ -186,24 +198,23 @@ class RemoveRobot(SessionEdit, frozen=True, kw_only=True):
         session.drop_robot(self.robot.name)
 
 
-def place_robot(
+def add_robot(
     session: RobotSession,
     source: str | PathLike[str] | RobotModel,
     pose: PoseLike = IDENTITY,
     *,
     name: str = "",
-    names: Iterable[str] = (),
-    xacro: bool | None = False,
+    xacro: bool | None = None,
 ) -> Robot:
-    """Adds a robot; see `Simulation.add_robot`.
+    """Spawns a robot with its drives: `add_robot(sim, "mobile_manipulator")`.
 
     Args:
         session: the simulation.
-        source: the name of a known model, the path of a description, or a model.
-        pose: where it stands, in the world frame.
-        name: its name; by default that of the model.
-        names: the names of the robots that exist.
-        xacro: see `load_model`.
+        source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
+        pose: where it stands on the floor, in the world frame.
+        name: its name; by default that of the model, numbered if there are several.
+        xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
+            Give False for a source that the user has not chosen.
 
     Raises:
         RobotNotFoundError: no model has that name.
@@ -214,7 +225,7 @@ def place_robot(
         if isinstance(source, RobotModel)
         else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro)
     )
-    taken = set(names)
+    taken = set(session.robots)
     if not name:
         numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in count(1))
         prefixes = {id.partition(".")[0] for id in session.state.ids if "." in id}
@@ -247,4 +258,4 @@ def place_robot(
             cause=f"{error.id!r} cannot be spawned: {error.reason}",
             remedy="correct the description",
         ) from error
-    return session.robots[name]
+    return cast("Robot", session.robots[name])

@@ -1,6 +1,6 @@
 """A robot in a simulation: its state, and the motions of its joints, grippers and base.
 
-robot = sim.add_robot("mobile_manipulator")
+robot = add_robot(sim, "mobile_manipulator")
 robot.run(robot.driving([(1.0, 0.0, 0.0)]))
 print(robot.joint_positions())
 
@@ -33,7 +33,7 @@ from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
-from mindstage.simulation.controllers import ControllerSchedule
+from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
 from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.state import EngineSession, poses_in
 
@@ -66,12 +66,22 @@ class RobotSession(EngineSession, Protocol):
         """All answers to a question about the current state."""
 
     @property
-    def robots(self) -> Mapping[str, Robot]:
-        """The robots by name."""
-
-    @property
     def report(self) -> ReportFunction:
         """Reports an edit or a request to observers."""
+
+    @property
+    def robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots by name, except those whose bodies were deleted."""
+
+    @property
+    def former_robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots that were removed, by name."""
+
+    def keep_robot(self, robot: SimulatedRobot) -> None:
+        """Keeps a robot that an edit has added; called in the engine thread."""
+
+    def drop_robot(self, name: str) -> None:
+        """Ends a robot that an edit has removed; called in the engine thread."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -100,7 +110,7 @@ class Odometry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Robot:
-    """A robot in a simulation; made by `Simulation.add_robot`."""
+    """A robot in a simulation; made by `add_robot`."""
 
     def __init__(
         self,
@@ -589,6 +599,10 @@ class Robot:
     def controller_name(self) -> str:
         """The name of its controller in the simulation."""
         return f"robot {self.name}"
+
+    def remove(self) -> None:
+        """Deletes it with its bodies."""
+        self.session.apply(self.edit.removal(self.session.state.ids))
 
     def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
