@@ -39,7 +39,7 @@ from mindstage.robots.collisions import HandChecker
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import plan_arm, plan_line, plan_path
-from mindstage.robots.robot import Robot, place_robot
+from mindstage.robots.robot import Robot
 from mindstage.scene import (
     AttachedLight,
     Body,
@@ -136,13 +136,12 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     ),
     "Simulation.add_robot pose": lambda robot, pose: added(robot, lambda sim: sim.add_robot(robot.model, pose)),
     "find_base_poses targets": lambda robot, pose: find_base_poses(robot, "", [pose], count=1),
-    "place_robot pose": lambda robot, pose: added(robot, lambda sim: place_robot(sim, robot.model, pose)),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
     "plan_line target": lambda robot, pose: plan_line(robot, "", pose),
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""
-RECORDS_ONLY = re.compile(r"(\w*Engine\.set_pose|\w*Engine\.restore_pose|UndoStack\.\w+) ")
+RECORDS_ONLY = re.compile(r"(is_moved|UndoStack\.\w+|Attach) ")
 """Functions that take the records of edits."""
 
 
