@@ -30,7 +30,7 @@ from mindstage.errors import CommandRefusedError, InvalidArgumentError, Simulati
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
-from mindstage.robots.robot import Robot
+from mindstage.robots.robot import Robot, add_robot
 from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
@@ -277,7 +277,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """The state in which episodes about a thing begin; None for the start of the simulation."""
         self._stands: dict[BodyId, Array] = {}
         self._pose = None if pose is None else np.array(pose)
-        self.robot: Robot = self.simulation.add_robot(robot, _planar_pose(self._stand(self.thing)))
+        self.robot: Robot = add_robot(self.simulation, robot, _planar_pose(self._stand(self.thing)))
         model = self.robot.model
         if not model.arms or not model.grippers:
             raise InvalidArgumentError(
