@@ -448,6 +448,7 @@ def test_the_parts_of_the_bundled_robot() -> None:
     (gripper,) = model.grippers
     assert gripper.type is GripperType.PARALLEL
     assert gripper.max_opening_m == pytest.approx(0.12)
+    assert gripper.max_force_n == model.joint("left_finger_joint").effort / 2, "two fingers share it"
     assert gripper.grasp_pose.position == pytest.approx((0.115, 0.0, 0.0), abs=1e-6)
     assert gripper.finger_links == ("left_finger_link", "right_finger_link")
     assert model.head is not None
