@@ -141,6 +141,14 @@ def test_a_target_above_the_lift_names_its_limit() -> None:
     assert "lift is at its upper limit 0.5 m" in found.reason
 
 
+def test_a_target_below_the_lift_names_its_limit() -> None:
+    found = RobotKinematics(planar_arm()).solve_ik("hand", Pose((0.6, 0.0, 0.35)), free="xyz")
+    assert not found
+    assert found.limits == ("lift",)
+    assert "150 mm" in found.reason
+    assert "lift is at its lower limit 0 m" in found.reason
+
+
 def test_the_limit_of_the_elbow_is_named_and_kept() -> None:
     x, y, z = closed_form(0.3, 0.6, 1.2)
     found = RobotKinematics(planar_arm(elbow=(-0.4, 0.4))).solve_ik("hand", Pose((x, y, z)), free="xyz")
