@@ -395,6 +395,17 @@ class TestSmallRoom:
         assert len(part.positions) == len(part.roots) == part.reached
         assert re.search(r"there \w+ is [\d.]+ mm (inside|from) counter", part.reason)
 
+    def test_a_path_ends_before_the_base_drives_into_something(self, room: Robot) -> None:
+        hand = hands_of(SkillTask(room))[0]
+        up = hand.grasp_pose + np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+        path = hand.path(interpolated_poses(hand.grasp_pose, up))
+        assert hand.free_part(path, touch=()).is_complete
+        roots = np.array(path.roots)
+        roots[:, 0] += np.linspace(0.0, 0.6, len(roots))
+        part = hand.free_part(path._replace(roots=roots), touch=())
+        assert part.reached < path.reached
+        assert "counter" in part.reason
+
     def test_releasing_nothing_opens_the_gripper(self, room: Robot) -> None:
         result = perform(room, "release")
         assert result, result.reason
