@@ -129,7 +129,6 @@ class JointTable:
         """The table of a world; the joints of robots are not in it, since they neither open nor close.
 
         Args:
-            world: the world.
             row: the rows of the bodies.
             before: an earlier table; joints that are not in it have position 0 at the poses of the world.
         """
@@ -243,7 +242,6 @@ class BodyTable:
         """The table of the bodies of a frame.
 
         Args:
-            frame: the frame.
             before: the table of the frame before, which tells new attachments from those of the map.
         """
         by_id = {body.id: number for number, body in enumerate(frame.structure.bodies)}

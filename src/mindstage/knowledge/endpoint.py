@@ -68,7 +68,7 @@ __all__ = ["JSON_RESULTS", "N_TRIPLES", "HttpReply", "SparqlEndpoint", "SparqlEn
 JSON_RESULTS = "application/sparql-results+json"
 N_TRIPLES = "application/n-triples"
 
-_CHUNK_SIZE = 256 * 1024
+_CHUNK_BYTES = 256 * 1024
 _MAX_SHOWN = 300
 """The number of characters of a server's message that an error repeats."""
 
@@ -169,7 +169,7 @@ class SparqlEndpoint:
             _set_deadline(deadline, connection)
             response = connection.getresponse()
             kind = response.headers.get_content_type()
-            limit = REPLY_LIMIT if response.status < 300 else _CHUNK_SIZE
+            limit = REPLY_LIMIT if response.status < 300 else _CHUNK_BYTES
             body = _read(response, connection, deadline, limit)
         except TimeoutError as error:
             raise EndpointUnreachableError(
@@ -196,7 +196,7 @@ def _read(
     body = bytearray()
     while len(body) <= limit:
         _set_deadline(deadline, connection)
-        chunk = response.read1(_CHUNK_SIZE)
+        chunk = response.read1(_CHUNK_BYTES)
         if not chunk:
             break
         body += chunk

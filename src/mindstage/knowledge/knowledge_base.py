@@ -75,6 +75,8 @@ class _KnowledgeArchive(msgspec.Struct, frozen=True, kw_only=True):
     sources: bytes
     worlds: dict[Iri, World]
     """The worlds that were read."""
+    assumptions: tuple[Assumption, ...] = ()
+    """Those that were made of them."""
 
 
 class AnswerCache:
@@ -190,6 +192,7 @@ class KnowledgeBase:
             atexit.unregister(self._at_exit)
             self._at_exit = None
         self._registry.close()
+        self._drop_cached("_answer_cache")  # answers about classes refer to the knowledge base
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs for an equal knowledge base, which is kept in memory there.
@@ -211,13 +214,16 @@ class KnowledgeBase:
         self._episodes = ()
 
     def to_bytes(self) -> bytes:
-        """All sources, statements and worlds, from which `from_bytes` makes an equal knowledge base anywhere.
+        """All sources, statements, worlds and assumptions; `from_bytes` makes an equal knowledge base of them anywhere.
 
         Raises:
             InvalidArgumentError: there is a SPARQL endpoint.
         """
         with self.lock:
-            archive = _KnowledgeArchive(sources=self._registry.to_bytes(), worlds=dict(self._worlds))
+            assumptions = tuple(self._assumptions.values())
+            archive = _KnowledgeArchive(
+                sources=self._registry.to_bytes(), worlds=dict(self._worlds), assumptions=assumptions
+            )
         return msgspec.msgpack.encode(archive)
 
     @classmethod
@@ -232,6 +238,7 @@ class KnowledgeBase:
         knowledge._registry = SourceRegistry.from_bytes(archive.sources)
         knowledge._store = knowledge._registry.store
         knowledge._worlds = dict(archive.worlds)
+        knowledge._assumptions = {(each.map, each.topic): each for each in archive.assumptions}
         return knowledge
 
     def _save_index(self) -> None:

@@ -343,7 +343,6 @@ class TripleStore(QuadSource, Protocol):
         """Evaluates a SPARQL query, and stops it at the time limit.
 
         Args:
-            query: the query.
             timeout_s: the time limit [s].
             allow_service: whether it may use other servers.
             prefixes: the prefixes that it need not declare.

@@ -118,7 +118,6 @@ class RecordingServices:
         """Creates the service.
 
         Args:
-            simulation: the simulation.
             folder: the folder for episodes; None if clients may not record.
         """
         self._simulation = simulation

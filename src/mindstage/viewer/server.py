@@ -126,7 +126,6 @@ class BoundedExecutor:
         """Calls a function and returns its result.
 
         Args:
-            function: the function.
             label: what it computes, for error messages.
 
         Raises:

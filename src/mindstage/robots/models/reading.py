@@ -47,9 +47,11 @@ _JOINT_TYPES = {
 _PACKAGE_NAME = re.compile(r"package://([^/\"'<>\s]+)|\$\(find\s+([^)\s]+)\)")
 _HEAD_BYTES = 64 * 1024
 _MIN_INERTIA = 1e-9
+"""[kg m²]."""
 _MIN_GYRATION_M = 1e-3
 """Least radius of gyration of a link; some descriptions have moments of 0."""
 _MOMENT_TOLERANCE = 1e-3
+"""By which fraction a principal moment may exceed the sum of the others."""
 _MAX_POSITION = 1e4
 """Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
