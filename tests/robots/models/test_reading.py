@@ -640,6 +640,8 @@ def test_a_model_that_is_not_installed_names_its_package(monkeypatch: pytest.Mon
 def test_an_unknown_name_lists_what_is_near() -> None:
     with pytest.raises(RobotNotFoundError, match="near: panda"):
         find_model("pandas")
+    with pytest.raises(RobotModelError, match="give the path of a URDF, xacro or MJCF file"):
+        load_model(Path("/nowhere/robot.urdf"))
     with pytest.raises(RobotNotFoundError, match="the file does not exist"):
         find_model("/nowhere/robot.urdf")
 
