@@ -243,6 +243,23 @@ def lift(simulation: Simulation, height: float) -> None:
         simulation.step(1 / 30)
 
 
+def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    with simulation.record(tmp_path / "run.mcap") as recorder:
+        simulation.step(1.0)
+        simulation.undo_stack.reset()
+        assert simulation.state.time_s == 0.0
+        simulation.step(0.2)
+        assert recorder.time_s == pytest.approx(1.2, abs=0.04)
+        simulation.undo_stack.undo()
+        assert simulation.state.time_s == pytest.approx(1.0)
+        simulation.step(0.2)
+        assert recorder.time_s == pytest.approx(1.4, abs=0.04)
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(1.4, abs=0.04)
+
+
 def put_into_an_empty_world(simulation: Simulation) -> None:
     simulation.clear()
     simulation.step(0.1)

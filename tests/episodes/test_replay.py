@@ -14,6 +14,7 @@ from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.engines import Capability
 from mindstage.episodes import EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder
 from mindstage.episodes.episode import Episode
+from mindstage.episodes.history import EpisodeHistory
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of
 from mindstage.errors import (
     BodyNotFoundError,
@@ -122,6 +123,20 @@ def test_events_are_visited_in_both_directions_and_by_kind(replay: EpisodeReplay
     assert replay.state.time_s == falling.begin_s
     assert [replay.seek_event(back=True) for _ in range(3)] == [grasping, opening, None]
     assert replay.seek_event(kinds={EpisodeEventKind.FALL}) == falling
+
+
+def test_the_events_of_a_history_are_those_of_its_recording_with_the_names_of_bodies() -> None:
+    recording = kitchenette_recording()
+    iris = {each.id: each.iri for world in recording.spawned for each in (*world.bodies, *world.joints)}
+    found = EpisodeHistory(recording, name="run").events()
+    assert len(found) == len(EVENTS)
+    for event, past in zip(EVENTS, found, strict=True):
+        assert (past.episode, past.id, past.kind) == ("run", event.id, event.kind.value)
+        assert (past.begin_s, past.end_s, past.episode_end_s) == (event.begin_s, event.end_s, 4.0)
+        names = (past.thing, past.other, past.agent, past.joint)
+        given = (event.thing, event.other, event.agent, event.joint)
+        assert names == tuple(None if id is None else iris[id] for id in given)
+        assert (past.amount, past.evidence) == (event.amount, event.evidence)
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,7 @@ def test_the_friction_and_the_height_of_a_push_decide_whether_a_pillar_tips(sim:
     assert {row.heading_deg for row in rows} == {0.0, 90.0, -180.0, -90.0}
     assert all(row.height_m == pytest.approx(0.4) and row.tilted_deg > 45 for row in rows)
     assert not sim.ask("would_tip", "Pillar", 1.0)
+    assert {row.push_n for row in sim.ask("would_tip", "Pillar")} == {5.0}
     low = sim.ask("would_tip", "Pillar", 6.0, height_m=0.02)
     assert not low
     assert "Pillar is not tipped by 6 N: it tilts by" in reasons(low)

@@ -291,6 +291,9 @@ def test_putting_away_begins_in_the_open_and_ends_in_a_closed_place() -> None:
     env.reset(seed=1)
     again = poses_in(env.simulation.state, {BodyId("milk_carton_1")})
     assert np.allclose(fresh[BodyId("milk_carton_1")], again[BodyId("milk_carton_1")], atol=1e-6)
+    env.simulation.place("milk_carton_1", on="fridge")
+    assert not env.progress().done
+    assert "milk_carton_1 is not in fridge" in env.progress().why
     env.simulation.place("milk_carton_1", into="fridge")
     assert env.progress().done
     env.robot.set_base_pose(0.8, 0.5, 0.0)  # out of the way of the door

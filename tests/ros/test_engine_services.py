@@ -228,6 +228,12 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
         ("step", {"duration_s": -1.0}, "it must be a number from 0 to 3600 s"),
+        ("set_pose", {"id": "Mug", "pose": {"position": {"x": 1e308}}}, "pose.position.x"),
+        (
+            "step",
+            {"duration_s": 0.1, "forces": [{"id": "Mug"}, {"id": "Mug", "force": {"y": 1e308}}]},
+            "forces[1].force.y",
+        ),
     ],
 )
 def test_invalid_parts_of_a_world_fail_the_call(engine: Call, service: str, args: Any, text: str) -> None:

@@ -170,6 +170,23 @@ def test_highlights_are_published_at_once_and_latched(
     assert late[-1]["groups"] == expected
 
 
+def test_a_message_highlights_bodies_and_the_diagnostics_name_those_that_do_not_exist(
+    client: RosbridgeClient, local_node: LocalNode, simulation: Simulation
+) -> None:
+    diagnostics = subscribed_messages(local_node, "/mindstage/diagnostics")
+    client.advertise("/unreal/highlight", "mindstage_msgs/LitBodies")
+    color = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 1.0}
+    client.publish(
+        "/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug", "Cupp"], "color": color, "label": "because"}
+    )
+    eventually(lambda: "Cupp" in str(diagnostics))
+    (status,) = (each for array in diagnostics for each in array["status"] if "Cupp" in str(each))
+    assert (status["name"], status["hardware_id"]) == ("mindstage: highlight", "Cupp")
+    assert dict(simulation.state.highlights) == {"Mug": (0.0, 0.0, 1.0)}
+    client.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"]})
+    eventually(lambda: not simulation.state.highlights)
+
+
 def test_messages_without_subscribers_are_not_created(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[str] = []
     for name in ("tf_message", "tf_static_message", "joint_state_message", "world_marker_array"):

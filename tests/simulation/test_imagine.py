@@ -72,6 +72,7 @@ def test_everything_works_in_a_copy_and_the_original_stays_bit_for_bit_the_same(
     worlds, reports, revision = kitchen.worlds, kitchen.reports, kitchen.state.revision
     with kitchen.imagine(threaded=threaded) as copy:
         assert state_bits(copy) == bits
+        assert (dict(copy.robots), copy.worlds, copy.reports) == ({}, worlds, reports)
         mug = copy.place("CoffeeMug", on="table")
         assert copy.ask("where_is", mug.id)[0].other.endswith("table")
         assert copy.joint("fridge_door").open().arrived

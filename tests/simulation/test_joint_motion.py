@@ -15,6 +15,7 @@ import mindstage as ms
 from mindstage.engines import Engine, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
+from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import (
     AngularLimits,
@@ -76,6 +77,18 @@ def test_a_joint_with_parent_and_child_swapped_opens_too(sim: Simulation) -> Non
     assert joint.open()
     assert joint.is_prismatic
     assert abs(joint.position) == pytest.approx(0.45, abs=0.01)
+
+
+def test_a_door_whose_handle_was_deleted_opens_the_same_way() -> None:
+    found = []
+    for deleted in ([], [BodyId("FridgeHandle")]):
+        with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as simulation:
+            simulation.spawn(kitchenette())
+            door = simulation.joint("FridgeDoor")
+            simulation.undo_stack.delete(deleted)
+            assert door.open(0.8, timeout_s=30.0)
+            found.append(door.position)
+    assert found[0] == pytest.approx(found[1], abs=0.03)
 
 
 def test_questions_report_that_it_is_open(sim: Simulation) -> None:
