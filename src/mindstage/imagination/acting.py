@@ -134,7 +134,6 @@ def try_first(
     Simulated time stands still while the plan is tried. If something moves nevertheless, nothing is done.
 
     Args:
-        simulation: the simulation.
         plan: the plan, a dict, or the path or text of one; see `load_plan`.
         at_least: the probability of success that the plan must have.
         certain: whether the whole 95 % interval of the probability has to be as high, rather than the estimate.

@@ -131,7 +131,6 @@ def validate_plan(plan: PlanLike, simulation: Simulation) -> None:
     """Checks that a plan fits a world, before anything runs.
 
     Args:
-        plan: the plan; see `load_plan`.
         simulation: the world, as it is before the first step.
 
     Raises:
@@ -168,7 +167,6 @@ class PlanRunner:
 
         Args:
             simulation: a simulation in the state in which all samples begin.
-            plan: the plan; see `load_plan`.
             seed: the seed of all samples.
 
         Raises:
@@ -217,7 +215,6 @@ class PlanRunner:
         """Begins one sample in a world that is in the initial state, and that the caller steps.
 
         Args:
-            world: the world.
             index: the number of the sample.
             on_poses: see `run_plan`.
             on_step: called when a step of a skill begins, and when it ends.
@@ -247,7 +244,6 @@ def complete(
     """Runs a sample from its begin to its end.
 
     Args:
-        sample: the sample.
         let_pass: lets simulated time pass [s], such as `simulation.step`.
         stop: asked before each time; true ends the sample, whose outcome is unknown then.
     """

@@ -28,7 +28,7 @@ from mindstage.scene.transforms import Array, normalized_pose_array, pose_multip
 __all__ = ["BasePlacement", "find_base_poses", "reachable_region"]
 
 _DISTANCE_STEP_M = 0.1
-_BEARINGS = 16
+_BEARING_COUNT = 16
 _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 """Headings relative to that towards the targets, the preferred first."""
 _IK_ATTEMPTS = 4
@@ -134,8 +134,8 @@ class _Placing:
         order = sorted(distances, key=lambda each: abs(each - 0.6 * reach_m))
         found: list[tuple[float, tuple[float, float, float], float]] = []
         for ring, distance in enumerate(order):
-            for number in range(_BEARINGS):
-                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARINGS
+            for number in range(_BEARING_COUNT):
+                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARING_COUNT
                 px, py = float(middle[0] + distance * cos(bearing)), float(middle[1] + distance * sin(bearing))
                 length = self.floor.length_to(px, py)
                 if length is None:
@@ -246,7 +246,6 @@ def find_base_poses(
     """Finds places of the base from which an arm reaches all of some poses, the best first.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         targets: poses of the grasp frame of the gripper (of the last link of an arm without one) in the world frame.
         free: the axes of the grasp frame about which it may turn; see `RobotKinematics.solve_ik`.
@@ -299,7 +298,6 @@ def reachable_region(
     """The points of a horizontal grid that the gripper of an arm reaches from where the robot stands.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         height_m: height of the grid in the world frame [m].
         step_m: distance of two points [m].

@@ -104,8 +104,6 @@ def _carried_by(
     """What lies in or on a body, and moves with it: what touches it, or what does, and is within its extents.
 
     Args:
-        holder: the body.
-        engine: the engine.
         size: its extents; None if they are unknown.
         excluded: other bodies.
     """
@@ -178,7 +176,6 @@ class CollisionChecker:
         """Copies the present state of the world.
 
         Args:
-            robot: the robot.
             joints: the joints that states have values for, in this order; None for all that have drives.
             base_moves: whether the base is moved, too.
             ignore: bodies that are no obstacles.
@@ -386,8 +383,6 @@ class HandChecker:
         """Copies the present state of the world.
 
         Args:
-            robot: the robot.
-            gripper: its gripper.
             touch: bodies that it may touch.
             clearance_m: the distance to keep from the place [m].
         """

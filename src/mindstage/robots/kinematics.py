@@ -41,6 +41,7 @@ _POSTURE_COST = 3e-4
 _SLIDE_WEIGHT = 6.0
 """A slide that moves by 1 m costs as much as a hinge that turns by the square root of this [rad]."""
 _DAMPING = 1e-6
+"""Least regularization of a step, added to the squares of weighted derivatives; dimensionless."""
 _LM_DAMPING = 1e-2
 _MAX_STEP = 1.0
 """Largest change of a joint in an iteration [m or rad]: beyond it the linearization is worthless."""
@@ -49,7 +50,7 @@ _STALL_ITERATIONS = 8
 """Iterations without progress after which an attempt ends."""
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
-_DESCENTS = 8
+_DESCENT_STEPS = 8
 _NEAR_M = 0.095
 """Shorter distances are stated in millimeters."""
 _MIN_REACH_M = 0.05
@@ -339,7 +340,6 @@ class RobotKinematics:
 
         Args:
             frame: see `solve_ik`; the same holds for the others.
-            target: the pose.
             joints: the joints that may move.
             seed: current positions.
             root_pose: pose of the root link.
@@ -584,7 +584,7 @@ def _distance_to_sweep(problem: _Problem, first: int) -> float:
     directions = np.array(data.xaxis[slides]).T @ problem.columns[slides]
     moving = np.flatnonzero(np.linalg.norm(directions, axis=0) > 0.0)
     away, moved = problem.target[:3] - data.xanchor[first], np.zeros(len(problem.rows))
-    for _ in range(_DESCENTS):  # coordinate descent: the slides need not be orthogonal
+    for _ in range(_DESCENT_STEPS):  # coordinate descent: the slides need not be orthogonal
         for column in moving.tolist():
             direction, row = directions[:, column], int(problem.rows[column])
             best = moved[column] + float(direction @ away) / float(direction @ direction)

@@ -71,7 +71,6 @@ class FloorMap:
         """Computes the free floor for a disc around the base.
 
         Args:
-            robot: the robot.
             ignore: bodies that are no obstacles.
             moved: poses of bodies that are to be somewhere else than now, such as a door that will be open.
             start: where the base is to be: x, y [m] and yaw [rad] in the world frame; None for where it is now.

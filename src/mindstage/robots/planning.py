@@ -97,7 +97,6 @@ def termination(limit: SearchLimit, last: int | None = None) -> Any:
     Each evaluation counts as a step, since a planner may go on without testing a state.
 
     Args:
-        limit: the limit.
         last: the number of the last step; None for that of the limit.
     """
 
@@ -225,7 +224,6 @@ def plan_arm(
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         target: positions by joint [m or rad], of which those that are left out do not change; or the pose of the grasp
             frame of the gripper (of the last link of an arm without one) in the world frame.
@@ -292,7 +290,6 @@ def plan_line(
     """Plans a straight motion of a gripper to a pose, with an even rotation.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         target: the pose of the grasp frame at the end, in the world frame.
         start: positions of joints from which the motion starts; by default where they are.
@@ -326,7 +323,6 @@ def plan_path(
     """Plans a motion of a gripper through poses, such as those of a handle while its door opens.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         poses: poses of the grasp frame in the world frame; between two of them it moves straight.
         free: the axes of the grasp frame about which it may turn, such as that of a bar that it holds loosely.

@@ -120,7 +120,6 @@ class Robot:
             placed: its bodies and joints.
             session: the simulation.
             controller: what commands its actuators.
-            report: of its spawn.
         """
         self.name = name
         self.model = model

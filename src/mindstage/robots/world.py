@@ -82,7 +82,6 @@ def robot_world(
     """Returns the world of a robot.
 
     Args:
-        model: the robot.
         pose: the pose of its root link in the world frame, on the floor: the root of a robot that drives is put at
             `base.height_m` above it.
         name: the name of the robot, unique in the world.

@@ -31,6 +31,7 @@ __all__ = ["PlanActions"]
 _DEFAULT_SAMPLES = 100
 _DEFAULT_BUDGET_S = 60.0
 _DEFAULT_THRESHOLD = 0.9
+"""A probability."""
 _POLL_S = 0.05
 """Interval at which a goal looks for its cancellation [s]."""
 _CANCEL_GRACE_S = 0.25

@@ -309,7 +309,7 @@ class Simulation:
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
-        return report
+        return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def check_rest(self) -> tuple[MovedBody, ...]:
         """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
@@ -835,7 +835,8 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        return place_item(self, item, on=on, into=into, near=near)
+        placed = place_item(self, item, on=on, into=into, near=near)
+        return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def fit_geometry(self, body: Body) -> BodyGeometry | None:
         """The geometry that a body would have, without fitting it to other bodies."""
