@@ -95,3 +95,4 @@ def _register_environments(gymnasium: ModuleType) -> None:
 
 when_imported("gymnasium", _register_environments)
 register_function("Simulation.try_first", "mindstage.imagination", "try_first")
+register_function("start_skill", "mindstage.robots.skills.catalog", "start_skill")

@@ -27,12 +27,14 @@ from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import ActuatorMode, ActuatorState, Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
-from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, checked
+from mindstage.lazy_names import registered_function
+from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotModel
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.skills.declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyId, PoseLike
@@ -502,6 +504,39 @@ class Robot:
         finally:
             if goal.result is None:
                 goal.cancel()
+
+    @checked
+    def do(
+        self,
+        skill: str,
+        /,
+        *,
+        deadline_s: Timeout = 300.0,
+        seed: Seed = 0,
+        on_step: Callable[[SkillStep], object] | None = None,
+        **args: object,
+    ) -> SkillResult:
+        """Performs a skill, while the simulation is stepped as by `run`: `robot.do("open fridge_door")`.
+
+        Args:
+            skill: its name, `robot.do("open", thing="fridge_door")`, or a command with arguments, of which those that
+                belong together are in quotes.
+            deadline_s: the skill fails if it has not ended after this simulated time [s].
+            seed: of everything that is sampled.
+            on_step: called when a step begins and when it ends.
+            args: the arguments of the skill.
+
+        Returns:
+            The result, which is true if the skill succeeded. One that fails is a result, not an error.
+
+        Raises:
+            InvalidArgumentError: there is no such skill, or it does not take these arguments; nothing moved.
+        """
+        start = registered_function("start_skill")
+        result: SkillResult = self.run(
+            start(self, skill, args, deadline_s=deadline_s, seed=seed, on_step=on_step), timeout_s=deadline_s
+        )
+        return result
 
     @checked
     def run(self, motion: Generator[float, None, T], *, timeout_s: Timeout = 600.0) -> T:

@@ -29,6 +29,7 @@ from mindstage.robots.skills.declaration import (
     SkillSpec,
     SkillStep,
     SkillValue,
+    split_command,
 )
 from mindstage.robots.skills.doors import close_thing, open_thing
 from mindstage.robots.skills.errands import fetch, put_away
@@ -71,7 +72,7 @@ class _End(NamedTuple):
 def start_skill(
     robot: Robot,
     name: str,
-    args: Mapping[str, object],
+    args: Mapping[str, object] = MappingProxyType({}),
     *,
     deadline_s: Timeout | None = None,
     seed: Seed = 0,
@@ -82,7 +83,7 @@ def start_skill(
     Closing the generator stops the robot, where it then is.
 
     Args:
-        name: the name of the skill.
+        name: the name of the skill, or a command with arguments: "open fridge_door", "go_to x=1 y=0".
         args: its arguments by name; numbers may be given as text.
         deadline_s: the skill fails if it has not ended after this simulated time [s].
         seed: of everything that is sampled.
@@ -94,11 +95,12 @@ def start_skill(
     Raises:
         InvalidArgumentError: there is no such skill, or it does not take these arguments.
     """
+    name, words = split_command(name)
     spec = SKILLS.get(name)
     if spec is None:
         remedy = suggestion(name, SKILLS)
         raise InvalidArgumentError("a skill", cause=f"there is no skill {name!r}", remedy=remedy)
-    return _performing(robot, spec, spec.check(args), deadline_s, seed, on_step)
+    return _performing(robot, spec, spec.parse(words, args), deadline_s, seed, on_step)
 
 
 def _performing(
