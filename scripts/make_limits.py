@@ -23,6 +23,7 @@ from mindstage.bridge import LocalNode
 from mindstage.episodes.recording import EpisodeFrame, FrameRecording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.prolog import PrologConsole
+from mindstage.robots import add_robot
 from mindstage.ros import RosInterface
 from mindstage.scene import Iri, World
 from mindstage.viewer import Viewer
@@ -82,7 +83,7 @@ def served_entry_points() -> list[EntryPoint]:
     with ExitStack() as stack:
         simulation = stack.enter_context(Simulation(KnowledgeBase(), MujocoEngine()))
         simulation.spawn(empty)
-        simulation.add_robot("mobile_manipulator", name="robot")
+        add_robot(simulation, "mobile_manipulator", name="robot")
         node = stack.enter_context(LocalNode())
         stack.enter_context(RosInterface(simulation, node))
         viewer = stack.enter_context(Viewer(simulation, port=0))

@@ -17,7 +17,7 @@ it is imported, before or after this package; `gymnasium.make("mindstage:mindsta
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from mindstage.lazy_names import lazy_names, register_function, when_imported
+from mindstage.lazy_names import lazy_names, when_imported
 
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
@@ -94,5 +94,3 @@ def _register_environments(gymnasium: ModuleType) -> None:
 
 
 when_imported("gymnasium", _register_environments)
-register_function("Simulation.try_first", "mindstage.imagination", "try_first")
-register_function("start_skill", "mindstage.robots.skills.catalog", "start_skill")

@@ -1,4 +1,4 @@
-"""Names that are imported when they are first used, and calls of what may not or need not be imported yet."""
+"""Names that are imported when they are first used, and calls after an import."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
-__all__ = ["lazy_names", "register_function", "registered_function", "when_imported"]
+__all__ = ["lazy_names", "when_imported"]
 
 
 def lazy_names(
@@ -43,27 +43,6 @@ def lazy_names(
         return [*vars(sys.modules[package])["__all__"], *packages]
 
     return get, names
-
-
-_functions: dict[str, tuple[str, str]] = {}
-
-
-def register_function(role: str, module: str, name: str) -> None:
-    """Registers the function that has a role in modules that may not import its own.
-
-    Args:
-        role: what the function does, such as the name of the method that calls it.
-        module: the absolute name of its module, which is imported when the function is first used.
-        name: its name there.
-    """
-    _functions[role] = (module, name)
-
-
-def registered_function(role: str) -> Callable[..., Any]:
-    """The function that was registered for a role; its module is imported."""
-    module, name = _functions[role]
-    function: Callable[..., Any] = getattr(import_module(module), name)
-    return function
 
 
 def when_imported(module: str, function: Callable[[ModuleType], object]) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.engines import Capability
-from mindstage.episodes import EpisodeEventKind, EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of
 from mindstage.errors import (
@@ -261,7 +261,7 @@ def test_a_recorded_file_is_replayed_with_its_own_knowledge(tmp_path: Path) -> N
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
         simulation.step(0.5)
-        with simulation.record(path) as recorder:
+        with Recorder(simulation, path) as recorder:
             for _ in range(6):
                 simulation.pull(DRAWER, point=(-0.25, 0.0, 0.0), target=(1.2, 0.0, 0.65))
                 simulation.step(0.2)
@@ -283,7 +283,7 @@ def test_the_worlds_are_those_that_had_been_spawned_at_the_shown_time(tmp_path: 
     jugs = World(iri=Iri("http://example.org/jugs.owl#map"), name="jugs", bodies=(jug,))
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
-        with simulation.record(tmp_path / "run.mcap") as recorder:
+        with Recorder(simulation, tmp_path / "run.mcap") as recorder:
             simulation.step(0.5)
             simulation.spawn(jugs)
             spawned_s = recorder.time_s

@@ -16,6 +16,7 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sources import RosPackagePath
 from mindstage.maps.urdf.parse import read_urdf
+from mindstage.robots import add_robot, find_robot
 from mindstage.robots import robot as robot_module
 from mindstage.robots.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
@@ -72,7 +73,7 @@ def test_joint_states_have_the_positions_of_the_description(
     robot_client: RobotClient, robot_simulation: Simulation
 ) -> None:
     message = robot_client.wait_for("joint_states", 3)
-    model = robot_simulation.robot().model
+    model = find_robot(robot_simulation).model
     assert sorted(message["name"]) == sorted(joint.name for joint in model.joints if joint.is_movable)
     assert len(message["position"]) == len(message["velocity"]) == len(message["effort"]) == len(message["name"])
     positions = dict(zip(message["name"], message["position"], strict=True))
@@ -136,7 +137,8 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         assert not again["success"]
         assert "rob" in again["refusal"]["text"]
         playing.run_on_engine(
-            lambda engine: engine.delete([body.id for body in playing.robot("rob").placed.world.bodies]), edits=True
+            lambda engine: engine.delete([body.id for body in find_robot(playing, "rob").placed.world.bodies]),
+            edits=True,
         )
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())
         assert "Mug" in client.ros.get_param("/robot_description")
@@ -146,19 +148,18 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
 def test_a_robot_that_takes_long_to_add_is_offered_when_it_is_complete(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place_robot = robot_module.place_robot
+    drives_of = robot_module.drives_of
 
     def slow(*args: Any, **options: Any) -> Any:
-        placed = place_robot(*args, **options)
         time.sleep(0.6)  # its bodies are published before it is a robot
-        return placed
+        return drives_of(*args, **options)
 
-    monkeypatch.setattr(robot_module, "place_robot", slow)
+    monkeypatch.setattr(robot_module, "drives_of", slow)
     node, server = node_and_server
     with RosInterface(playing, node):
         client = RobotClient(server.port)
         client.wait_for("/tf", 3)
-        playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+        add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" in client.ros.get_topics())
         eventually(lambda: transforms(client).get("lift_link", ("",))[0] == "base_link")
         client.close()
@@ -185,8 +186,8 @@ def test_a_second_robot_has_its_name_as_its_namespace(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
-    playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
     with RosInterface(playing, node):
         first, second = RobotClient(server.port), RobotClient(server.port, "/two")
         goal = second.follow({"lift_joint": 0.3}, 1.0)
@@ -209,7 +210,7 @@ def test_an_interface_without_a_namespace_keeps_its_own_names(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
     with RosInterface(playing, node, namespace=""):
         client = RobotClient(server.port, "/rob")
         assert client.follow({"lift_joint": 0.3}, 1.0).wait()[0] == "SUCCEEDED"
@@ -222,7 +223,7 @@ def test_a_client_of_ros_1_uses_the_same_names(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
     with RosInterface(playing, node, ros=RosVersion.ONE):
         client = RobotClient(server.port)
         action = actionlib.ActionClient(

@@ -192,7 +192,9 @@ def _do_in(spawned: SpawnedMap, model: RobotModel, wanted: _Wanted, *, verbose: 
     simulation.step(wanted.settle_s)
     with ExitStack() as stack:
         if wanted.record is not None:
-            stack.enter_context(simulation.record(wanted.record))
+            from mindstage.episodes import Recorder
+
+            stack.enter_context(Recorder(simulation, wanted.record))
         interrupted = stack.enter_context(interruptible())
         show = stack.enter_context(_steps_shown(quiet=as_json))
         result, tried = _perform(simulation, plan, wanted, cancel=interrupted.is_set, on_step=show)

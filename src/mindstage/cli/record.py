@@ -81,6 +81,7 @@ def record(
 
     What is older than a second is in the file even if the process is killed.
     """
+    from mindstage.episodes import Recorder
     from mindstage.simulation.observation import as_client
 
     if out.exists():  # before the map is read
@@ -95,7 +96,7 @@ def record(
             spawned.print()
         with ExitStack() as ending:
             with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
-                recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
+                recorder = ending.enter_context(Recorder(simulation, out, rate_hz=rate))
             if with_viewport:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json

@@ -285,9 +285,10 @@ class _Shooting:
         Raises:
             InvalidArgumentError: it has none of that name.
         """
+        from mindstage.robots import find_robot
         from mindstage.robots.model import SensorType
 
-        robot = self._simulation.robot(self._robot or "")
+        robot = find_robot(self._simulation, self._robot or "")
         kinds = (SensorType.CAMERA, SensorType.DEPTH_CAMERA)
         sensors = [sensor for sensor in robot.model.sensors if sensor.type in kinds]
         chosen = [sensor for sensor in sensors if name in (sensor.name, sensor.link)] or (

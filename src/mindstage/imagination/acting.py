@@ -4,7 +4,7 @@
 >>> from mindstage.imagination import Plan, Push, Uncertainty
 >>> with ms.open("bundled:kitchen") as sim:
 ...     push = Plan(steps=(Push(thing="milk_carton_1", force=(200.0, 0.0, 0.0)),))
-...     tried = sim.try_first(push, at_least=0.9)
+...     tried = ms.try_first(sim, push, at_least=0.9)
 >>> tried.acted
 False
 """
@@ -31,7 +31,7 @@ from mindstage.imagination.verdicts import Progress, Verdict, imagine
 from mindstage.ranges import Fraction, Seed, Workers, checked
 from mindstage.robots.skills.declaration import SkillStep
 from mindstage.scene import BodyId
-from mindstage.simulation import Simulation, TrialResult
+from mindstage.simulation import Simulation
 
 __all__ = ["TryFirstResult", "act", "try_first"]
 
@@ -41,7 +41,7 @@ _POLL_S = 0.01
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TryFirstResult(TrialResult):
+class TryFirstResult:
     """What a trial predicted, and what happened if the plan was then done; truthy if it was done and succeeded."""
 
     verdict: Verdict

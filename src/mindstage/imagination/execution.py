@@ -50,6 +50,7 @@ from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.ranges import Index, Seed, checked
 from mindstage.rdf.graphs import local_name
+from mindstage.robots import find_robot
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector, as_pose
@@ -519,7 +520,7 @@ class _Sample:
 
         if not isinstance(self.simulation, Simulation):
             raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
-        robot = self.simulation.robot(step.robot)
+        robot = find_robot(self.simulation, step.robot)
         self.named.update(id for value in step.args.values() if (id := self._find(str(value))) is not None)
         motion = start_skill(
             robot,
@@ -797,7 +798,7 @@ class _Validator:
         except InvalidArgumentError as error:
             self._fail(f"{path}.args", str(error), error)
         try:
-            self.simulation.robot(step.robot)
+            find_robot(self.simulation, step.robot)
         except RobotError as error:
             self._fail(f"{path}.robot", str(error), error)
         for name, value in args.items():

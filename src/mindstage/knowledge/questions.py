@@ -10,13 +10,12 @@ type declares the columns of the answers. Every argument is optional. Further fu
     def _explain(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]: ...
 
     @siblings.missing           # which statements are missing if there is no answer
-    def _missing(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[MissingKnowledge]: ...
+    def _missing(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]: ...
 
     @question(sentences=("what is like {cls}",))  # plain sentences that ask it, see `mindstage.knowledge.sentences`
 
-A question about the current state has the additional keyword argument `present: StateAccess`, and so has its function
-for missing statements. It is passed by `Question.ask` and is not part of any interface. Without a simulation, the
-state is that of the maps.
+A question about the current state has the additional keyword argument `present: StateAccess`. It is passed by
+`Question.ask` and is not part of any interface. Without a simulation, the state is that of the maps.
 
 An argument that is an individual may be given as a class: the answers are then those for each of its individuals.
 """
@@ -92,6 +91,7 @@ __all__ = [
     "MAP_SOURCE",
     "AnswerRow",
     "Answers",
+    "AskedArguments",
     "ClassName",
     "IndividualName",
     "MapName",
@@ -503,6 +503,21 @@ class QuestionArgument:
         return " | ".join(self.choices) or ("number" if self.value_type in {int, float} else self.value_type.__name__)
 
 
+class AskedArguments:
+    """The arguments of a question that has no answer: `asked.thing` is that of `thing`, None if it was not given."""
+
+    def __init__(self, values: Mapping[str, object], present: StateAccess) -> None:
+        self._values = values
+        self.present = present
+        """Access to the current state."""
+
+    def __getattr__(self, name: str) -> Any:
+        return self._values.get(name)
+
+
+_FindMissing = Callable[["QuestionContext", AskedArguments], "Iterator[MissingKnowledge]"]
+
+
 class Question(Generic[R]):
     """A declared question."""
 
@@ -536,7 +551,7 @@ class Question(Generic[R]):
         """Arguments of `mindstage ask`, one example per line."""
         self._function = function
         self._explain: Callable[[QuestionContext, R], Iterator[str]] | None = None
-        self._find_missing: Callable[..., Iterator[MissingKnowledge]] | None = None
+        self._find_missing: _FindMissing | None = None
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
@@ -613,8 +628,8 @@ class Question(Generic[R]):
         self._explain = function
         return function
 
-    def missing(self, function: Callable[..., Iterator[MissingKnowledge]]) -> Callable[..., Iterator[MissingKnowledge]]:
-        """Registers the function that finds the missing statements; it takes the question's arguments."""
+    def missing(self, function: _FindMissing) -> _FindMissing:
+        """Registers the function that finds the missing statements."""
         self._find_missing = function
         return function
 
@@ -726,8 +741,8 @@ class Question(Generic[R]):
                 yield MissingKnowledge(cls, TYPE, reason, claims=(Claim(kind=ClaimKind.NO_INSTANCE, object=cls),))
         if self._find_missing is None:
             return
-        view = {"present": state_access} if self.uses_current_state or self.about_past else {}
-        lacks = (lack for args in self._combinations(found, classes) for lack in self._find_missing(kb, **args, **view))
+        asked = (AskedArguments(args, state_access) for args in self._combinations(found, classes))
+        lacks = (lack for each in asked for lack in self._find_missing(kb, each))
         yield from islice(dict.fromkeys(islice(lacks, _MAX_COMBINATIONS)), _MAX_MISSING if classes else None)
 
     def _parse_argument(self, kb: QuestionContext, state_access: StateAccess, name: str, value: object) -> object:

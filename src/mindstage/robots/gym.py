@@ -33,6 +33,7 @@ from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
+from mindstage.robots.spawning import add_robot
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene import Body, BodyId, Iri, Pose
 from mindstage.scene.floor_plan import free_floor_place
@@ -277,7 +278,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """The state in which episodes about a thing begin; None for the start of the simulation."""
         self._stands: dict[BodyId, Array] = {}
         self._pose = None if pose is None else np.array(pose)
-        self.robot: Robot = self.simulation.add_robot(robot, _planar_pose(self._stand(self.thing)))
+        self.robot: Robot = add_robot(self.simulation, robot, _planar_pose(self._stand(self.thing)))
         model = self.robot.model
         if not model.arms or not model.grippers:
             raise InvalidArgumentError(

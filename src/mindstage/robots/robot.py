@@ -1,6 +1,6 @@
 """A robot in a simulation: its state, and the motions of its joints, grippers and base.
 
-robot = sim.add_robot("mobile_manipulator")
+robot = add_robot(sim, "mobile_manipulator")
 robot.run(robot.driving([(1.0, 0.0, 0.0)]))
 print(robot.joint_positions())
 
@@ -14,9 +14,6 @@ import time
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import count
-from os import PathLike
-from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -26,24 +23,27 @@ from mindstage.access.limits import Timeout
 from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import ActuatorMode, ActuatorState, Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
-from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
-from mindstage.lazy_names import registered_function
+from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotNotFoundError
 from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
-from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotModel
-from mindstage.robots.models.reading import load_model
 from mindstage.robots.skills.declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
-from mindstage.robots.world import RobotWorld, robot_world
-from mindstage.scene import IDENTITY, BodyId, PoseLike
+from mindstage.robots.world import RobotWorld
+from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
-from mindstage.simulation.controllers import ControllerSchedule
+from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
 from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.state import EngineSession, poses_in
 
-__all__ = ["JointState", "Odometry", "Robot", "place_robot"]
+__all__ = [
+    "JointState",
+    "Odometry",
+    "Robot",
+    "RobotSession",
+]
 
 T = TypeVar("T")
 
@@ -75,6 +75,32 @@ class RobotSession(EngineSession, Protocol):
     def report(self) -> ReportFunction:
         """Reports an edit or a request to observers."""
 
+    @property
+    def robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots by name, except those whose bodies were deleted."""
+
+    def keep_robot(self, robot: SimulatedRobot) -> None:
+        """Adds a robot whose bodies are spawned."""
+
+    def drop_robot(self, robot: SimulatedRobot) -> None:
+        """Deletes a robot with its bodies."""
+
+
+class SkillStarter(Protocol):
+    """Starts a skill, as `robots.skills.start_skill`, which imports this module."""
+
+    def __call__(
+        self,
+        robot: Robot,
+        name: str,
+        args: Mapping[str, object],
+        *,
+        deadline_s: float,
+        seed: int,
+        on_step: Callable[[SkillStep], object] | None,
+    ) -> Generator[float, None, SkillResult]:
+        """See `robots.skills.start_skill`."""
+
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
     """The state of a joint."""
@@ -102,7 +128,7 @@ class Odometry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Robot:
-    """A robot in a simulation; made by `Simulation.add_robot`."""
+    """A robot in a simulation; made by `add_robot`."""
 
     def __init__(
         self,
@@ -113,8 +139,9 @@ class Robot:
         session: RobotSession,
         controller: RobotController,
         report: SpawnReport,
+        start_skill: SkillStarter,
     ) -> None:
-        """See `place_robot`.
+        """See `add_robot`.
 
         Args:
             name: its name in the simulation.
@@ -129,6 +156,7 @@ class Robot:
         self.controller = controller
         self.report = report
         self._placed = placed
+        self._start_skill = start_skill
         self._root = placed.link_ids[model.root]
         controller.on_end(self._report_end)
         self._seen: tuple[BodyId, ...] | None = None
@@ -532,11 +560,8 @@ class Robot:
         Raises:
             InvalidArgumentError: there is no such skill, or it does not take these arguments; nothing moved.
         """
-        start = registered_function("start_skill")
-        result: SkillResult = self.run(
-            start(self, skill, args, deadline_s=deadline_s, seed=seed, on_step=on_step), timeout_s=deadline_s
-        )
-        return result
+        motion = self._start_skill(self, skill, args, deadline_s=deadline_s, seed=seed, on_step=on_step)
+        return self.run(motion, timeout_s=deadline_s)
 
     @checked
     def run(self, motion: Generator[float, None, T], *, timeout_s: Timeout = 600.0) -> T:
@@ -622,6 +647,10 @@ class Robot:
         """The name of its controller in the simulation."""
         return f"robot {self.name}"
 
+    def remove(self) -> None:
+        """Deletes it with its bodies."""
+        self.session.drop_robot(self)
+
     def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
 
@@ -633,7 +662,15 @@ class Robot:
         assert isinstance(controller, RobotController)
         if Capability.ACTUATORS in session.capabilities:  # an engine that was not forked has no actuators yet
             session.run_on_engine(controller.connect, label="connect robot")
-        return Robot(self.name, self.model, self._placed, session=session, controller=controller, report=self.report)
+        return Robot(
+            self.name,
+            self.model,
+            self._placed,
+            session=session,
+            controller=controller,
+            report=self.report,
+            start_skill=self._start_skill,
+        )
 
     def __repr__(self) -> str:
         kind = self.model.base.type.value
@@ -656,57 +693,3 @@ def _actuator_states(engine: Engine) -> Mapping[str, ActuatorState]:
 def contact_free_pairs(model: RobotModel, placed: RobotWorld) -> frozenset[tuple[BodyId, BodyId]]:
     """The pairs of bodies of a robot that have no contacts with each other."""
     return frozenset((placed.link_ids[a], placed.link_ids[b]) for a, b in model.disabled_collisions)
-
-
-def place_robot(
-    session: RobotSession,
-    source: str | PathLike[str] | RobotModel,
-    pose: PoseLike = IDENTITY,
-    *,
-    name: str = "",
-    names: Iterable[str] = (),
-    xacro: bool | None = False,
-) -> Robot:
-    """Spawns a robot; its actuators are added by `Simulation.add_robot`.
-
-    Args:
-        session: the simulation.
-        source: the name of a known model, the path of a description, or a model.
-        pose: where it stands, in the world frame.
-        name: its name; by default that of the model.
-        names: the names of the robots that exist.
-        xacro: see `load_model`.
-
-    Raises:
-        RobotNotFoundError: no model has that name.
-        RobotModelError: the description cannot be read, or not all of it can be spawned.
-    """
-    model = (
-        source
-        if isinstance(source, RobotModel)
-        else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro)
-    )
-    taken = set(names)
-    if not name:
-        numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in count(1))
-        prefixes = {id.partition(".")[0] for id in session.state.ids if "." in id}
-        name = next(each for each in numbers if each not in taken | prefixes)
-    elif name in taken:
-        raise RobotModelError(model.source or model.name, cause=f"a robot {name!r} exists", remedy="give another name")
-    world_ids = {joint.id for world in session.worlds for joint in world.joints}
-    placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
-    pairs = contact_free_pairs(model, placed)
-    existing = set(session.state.ids)
-    report = session.spawn(placed.world, geometry=placed.geometry, excluded_pairs=pairs)
-    if not report.ok:
-        failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-        spawned = {body.id for body in placed.world.bodies} & set(session.state.ids) - existing
-        session.run_on_engine(lambda engine: engine.delete(spawned), label="delete", edits=True)
-        first = failures[0]
-        raise RobotModelError(
-            model.source or model.name,
-            cause=f"{first.id!r} cannot be spawned: {first.reason}",
-            remedy="correct the description",
-        )
-    controller = RobotController(drives_of(model, placed, name=name))
-    return Robot(name, model, placed, session=session, controller=controller, report=report)

@@ -20,6 +20,7 @@ from mindstage.bridge import Node
 from mindstage.errors import MindstageError
 from mindstage.msgs import RosVersion, std_msgs
 from mindstage.rdf.vocabulary import URDF_TEXT
+from mindstage.robots import robots_of
 from mindstage.robots.model import RobotJoint, RobotModel
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
@@ -121,7 +122,7 @@ def entity_description(state_reader: StateReader, entity: World) -> str:
 def robot_entities(simulation: Simulation) -> dict[str, World]:
     """Returns the robots without drives that were spawned after the start and exist, by the id of their root body."""
     start, present = simulation.start_ids, frozenset(simulation.state.ids)
-    driven = frozenset(id for robot in simulation.robots.values() for id in robot.link_ids.values())
+    driven = frozenset(id for robot in robots_of(simulation).values() for id in robot.link_ids.values())
     return {
         world.bodies[0].id: world
         for world in simulation.worlds
@@ -205,7 +206,7 @@ class DescriptionPublisher:
 
     def _default_description(self) -> str:
         """Returns the description of the robot without a namespace, or that of the place if there is none."""
-        robots = self._state_reader.simulation.robots
+        robots = robots_of(self._state_reader.simulation)
         for name, namespace in self._state_reader.robot_namespaces().items():
             if not namespace and name in robots:
                 return robot_description(robots[name])
@@ -244,7 +245,7 @@ class _Writer:
             world.bodies, state_reader.frame_names.assign(body.id for body in world.bodies), strict=True
         ):
             self._bodies[frame] = body
-        robots = state_reader.simulation.robots.values()
+        robots = robots_of(state_reader.simulation).values()
         parts = {body.id for robot in robots for body in robot.placed.world.bodies}
         self._of_robots = {frame for frame, body in self._bodies.items() if body.id in parts}
         self._geometry: GeometryMap = state_reader.simulation.geometry

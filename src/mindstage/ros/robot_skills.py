@@ -19,6 +19,7 @@ from mindstage.access.policies import GOAL, READ, SPAWN
 from mindstage.bridge.conversions import pose_from_message
 from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
 from mindstage.msgs import mindstage_msgs as wire
+from mindstage.robots import find_robot
 from mindstage.ros.queries import parse_arguments
 from mindstage.ros.service import ActionSpec, GoalAbortedError, GoalCanceledError, GoalContext, ServiceSpec
 from mindstage.simulation import Simulation
@@ -93,6 +94,7 @@ class RobotSkills:
     def add_robot(self, request: wire.AddRobot.Request) -> wire.AddRobot.Response:
         """Adds a robot; a description that cannot be used is refused with the reason."""
         from mindstage.robots.models.catalog import list_models
+        from mindstage.robots.spawning import add_robot
 
         path = self._find_file(request.source)
         source: str | Path = path or request.source
@@ -102,7 +104,7 @@ class RobotSkills:
                 "mindstage_msgs/AddRobotRequest", path="source", cause=cause, remedy="try mobile_manipulator"
             )
         try:
-            robot = self._simulation.add_robot(source, pose_from_message(request.pose), name=request.name, xacro=False)
+            robot = add_robot(self._simulation, source, pose_from_message(request.pose), name=request.name, xacro=False)
         except RobotError as error:
             text = str(error) if path is None else str(error).replace(str(path), request.source)
             return wire.AddRobot.Response(refusal=wire.Refusal(kind=error.code, text=text))
@@ -130,7 +132,7 @@ class RobotSkills:
             if skill and name != skill:
                 cause = f"this action is for {skill}, not {name}"
                 raise MessageValidationError("mindstage_msgs/PerformGoal", path="skill", cause=cause)
-            robot = self._simulation.robot(goal.robot)
+            robot = find_robot(self._simulation, goal.robot)
             deadline_s = goal.deadline_s if goal.deadline_s > 0.0 else None
             args = parse_arguments(goal.args)
             motion = start_skill(robot, name, args, deadline_s=deadline_s, on_step=steps.append)

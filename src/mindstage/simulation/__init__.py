@@ -3,7 +3,7 @@
 from mindstage.engines.base import EngineStats, SpawnNoteKind
 from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
 from mindstage.simulation.image import SimulationImage
-from mindstage.simulation.imagined import ForkOrigin, TrialOptions, TrialResult
+from mindstage.simulation.imagined import ForkOrigin
 from mindstage.simulation.interaction import JointAxisState, JointHandle
 from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
 from mindstage.simulation.observation import ClientDirectory, ConnectedClient
@@ -30,8 +30,6 @@ __all__ = [
     "SpawnNoteKind",
     "SpawnRecord",
     "StateSnapshot",
-    "TrialOptions",
-    "TrialResult",
     "UndoHistory",
     "UndoStack",
     "UnhighlightedItem",

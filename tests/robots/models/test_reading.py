@@ -16,6 +16,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.errors import RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.model import BaseType, GripperType, RobotJointType, RobotModel
 from mindstage.robots.models import catalog
@@ -323,7 +324,7 @@ def test_nothing_runs_in_a_model_that_is_loaded(tmp_path: Path, kind: str) -> No
             load_model(source)
     with Simulation(KnowledgeBase(), NullEngine()) as simulation:
         with pytest.raises(RobotModelError, match="is written in xacro"):
-            simulation.add_robot(path)
+            add_robot(simulation, path)
         with pytest.raises(RobotModelError, match="is written in xacro"):
             add_standing_robot(simulation, path)
     assert not marker.exists()

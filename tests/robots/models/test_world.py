@@ -10,6 +10,7 @@ import pytest
 from mindstage import KnowledgeBase
 from mindstage.engines.base import Actuator
 from mindstage.engines.mujoco.engine import MujocoEngine
+from mindstage.robots import add_robot
 from mindstage.robots.control import MotionOutcome
 from mindstage.robots.drives import drives_of
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
@@ -182,7 +183,7 @@ def within_limits(model: RobotModel, positions: dict[str, float]) -> tuple[str, 
 def test_a_robot_stands_still_and_moves_a_joint_of_its_arm(name: str) -> None:
     model = known_model(name)
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
-        robot = simulation.add_robot(model)
+        robot = add_robot(simulation, model)
         before = robot.joint_positions()
         simulation.step(2.0)
         after = robot.joint_positions()
