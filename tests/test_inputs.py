@@ -277,12 +277,11 @@ PLAN_CALLS: Mapping[str, Callable[[Simulation, Any], object]] = {
     "run_plan plan": lambda sim, plan: run_plan(sim, plan, seed=3).end_poses,
     "try_first plan": lambda sim, plan: try_first(sim, plan, samples=2, certain=False).to_dict(),
     "validate_plan plan": lambda sim, plan: validate_plan(plan, sim),
-    "Simulation.try_first plan": lambda sim, plan: sim.try_first(plan, samples=2, certain=False),
 }
 
 
 def test_every_public_function_takes_plans_in_all_forms() -> None:
-    assert parameters_of(r"\bPlanLike\b") == PLAN_CALLS.keys() - {"Simulation.try_first plan"}
+    assert parameters_of(r"\bPlanLike\b") == PLAN_CALLS.keys()
     assert parameters_of(r"\bPlan(File)?\b") == set()
 
 

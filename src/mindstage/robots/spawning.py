@@ -89,6 +89,6 @@ def _start_skill(
     on_step: Callable[[SkillStep], object] | None,
 ) -> Generator[float, None, SkillResult]:
     """See `start_skill`, whose module takes a second to import: when the first skill is performed."""
-    from mindstage.robots.skills.catalog import start_skill
+    from mindstage.robots.skills.performance import start_skill
 
     return start_skill(robot, name, args, deadline_s=deadline_s, seed=seed, on_step=on_step)
