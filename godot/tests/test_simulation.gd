@@ -154,13 +154,13 @@ func test_unknown_bodies_circles_and_zero_quaternions_are_refused() -> void:
 	var simulation: MindstageSimulation = new_simulation()
 	_spawn(simulation, [_floor(), MindstageExampleWorlds.body("drawer", [0.0, 0.0, 1.0], [1.0, 1.0, 1.0])])
 	var refusal: Dictionary = simulation.delete(["drawr"], "")
-	same(refusal["kind"], "BodyUnknown", "kind")
-	same(refusal["near"], ["drawer"], "near")
-	same(simulation.attach("drawer", "drawer", "")["kind"], "AttachmentRefused", "itself")
+	same(refusal["code"], "BodyNotFoundError", "kind")
+	same(refusal["suggestions"], ["drawer"], "suggestions")
+	same(simulation.attach("drawer", "drawer", "")["kind"], "AttachmentError", "itself")
 	simulation.attach("floor", "drawer", "")
 	check("circle" in simulation.attach("drawer", "floor", "")["reason"], "a circle")
 	var nowhere: Dictionary = {"position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 0.0]}
-	same(simulation.set_pose("drawer", nowhere, "")["kind"], "PoseUnreachable", "no rotation")
+	same(simulation.set_pose("drawer", nowhere, "")["kind"], "PoseUnreachableError", "no rotation")
 	same(simulation.world_model.bodies.size(), 2, "nothing changed")
 	await drop(simulation)
 

@@ -171,7 +171,7 @@ def test_every_method_of_the_page_refuses_a_request_that_is_too_large(served: Se
     for viewer in (served.viewer, served.replay):
         with connect_page_client(viewer.url, headers=BEARER) as page:
             for name in {each.name for each in viewer.entry_points() if each.kind is EntryKind.METHOD}:
-                with pytest.raises(RequestFailedError, match=r"TooMany.*bytes"):
+                with pytest.raises(RequestFailedError, match=r"RequestLimitError.*bytes"):
                     page.ask(name, padding=PADDING)
 
 

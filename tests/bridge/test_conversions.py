@@ -219,7 +219,7 @@ def test_a_world_error_of_the_simulation_keeps_its_message(error: WorldError) ->
 
 
 def test_a_refusal_of_an_unknown_kind_is_a_world_error() -> None:
-    error = message_to_error(mindstage_msgs.Refusal(kind="GravityOffended", text="not on Sundays"))
+    error = message_to_error(mindstage_msgs.Refusal(code="GravityOffended", text="not on Sundays"))
     assert type(error) is WorldError
     assert str(error) == "not on Sundays"
 
@@ -254,10 +254,10 @@ def test_every_engine_error_can_be_converted() -> None:
         "out of order",
         "out of order\n{",
         "out of order\n[]",
-        'out of order\n{"kind": "EngineClosed"}',
-        'out of order\n{"kind": "os.system", "engine": "x"}',
-        'out of order\n{"kind": "EngineClosed", "engine": {}}',
-        'out of order\n{"kind": "EngineClosed", "engine": "x", "more": 1}',
+        'out of order\n{"code": "EngineClosedError"}',
+        'out of order\n{"code": "os.system", "engine": "x"}',
+        'out of order\n{"code": "EngineClosedError", "engine": {}}',
+        'out of order\n{"code": "EngineClosedError", "engine": "x", "more": 1}',
     ],
 )
 def test_any_other_text_is_an_engine_error_with_that_message(text: str) -> None:

@@ -46,7 +46,7 @@ def test_an_unreadable_map_exits_2(content: str, run: Run, tmp_path: Path) -> No
     path.write_text(content, encoding="utf-8")
     result = run("validate", path, "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "SourceUnreadable"
+    assert json_output(result)["error"]["code"] == "SourceParseError"
     assert run("validate", tmp_path / "nowhere.owl").exit_code == 2
 
 
@@ -81,7 +81,7 @@ def test_strict_rejects_a_map_with_findings(verb: str, run: Run, write_map: Writ
     result = run(verb, path, *more.get(verb, []), "--strict", "--json")
     assert result.exit_code == 2
     error = json_output(result)["error"]
-    assert error["kind"] == "MapRefused"
+    assert error["code"] == "MapRejectedError"
     assert "1 finding" in error["message"]
     assert "Mug2" in error["message"]
     assert not out.exists()

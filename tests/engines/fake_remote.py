@@ -14,7 +14,7 @@ __all__ = ["DESCRIBE_VALUES", "FakeRemote", "failed", "ok_response"]
 Frames = list[str | bytes]
 Responder = Callable[[dict[str, Any]], Frames]
 
-NO_REFUSAL = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
+NO_REFUSAL = {"code": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "suggestions": []}
 DESCRIBE_VALUES = {
     "engine": "odd",
     "abilities": ["telepathy"],

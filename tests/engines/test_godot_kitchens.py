@@ -116,7 +116,7 @@ def test_exporting_a_scene_without_godot_gives_installation_help(
     monkeypatch.setenv("GODOT", str(tmp_path / "nowhere"))
     result = run("convert", BUNDLED_KITCHEN, tmp_path / "kitchen.tscn", "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "EngineUnavailable"
+    assert json_output(result)["error"]["code"] == "EngineUnavailableError"
     assert "install Godot" in json_output(result)["error"]["message"]
     assert not (tmp_path / "kitchen.tscn").exists()
 

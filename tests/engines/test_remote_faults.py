@@ -300,7 +300,7 @@ def test_a_failure_without_a_reason_is_a_world_error(fake: FakeRemote, fake_engi
     with pytest.raises(WorldError, match="without a reason"):
         fake_engine.clear()
     fake.respond["clear"] = ok_response(
-        success=False, refusal={**NO_REFUSAL, "kind": "GravityOffended", "text": "not on Sundays"}
+        success=False, refusal={**NO_REFUSAL, "code": "GravityOffended", "text": "not on Sundays"}
     )
     with pytest.raises(WorldError, match="not on Sundays"):
         fake_engine.clear()

@@ -268,7 +268,7 @@ def test_spawn_map_sends_feedback(engine: Call, local_node: LocalNode, simulatio
     eventually(lambda: len(simulation.state.ids) == 8)
 
 
-EMPTY = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
+EMPTY = {"code": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "suggestions": []}
 
 
 def test_a_client_records_an_episode(simulation: Simulation, local_node: LocalNode, tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def run(cancel, **goal):
     ended = client.wait_for_result(rospy.Duration(20))
     result = client.get_result()
     return {"state": client.get_state(), "done": done, "outcome": result.outcome, "samples": result.samples,
-            "thing": result.thing, "refusal": [result.refusal.kind, result.refusal.reason], "ended": ended,
+            "thing": result.thing, "refusal": [result.refusal.code, result.refusal.reason], "ended": ended,
             "cancel_s": time.monotonic() - start if cancel else None}
 
 opens, edge = sys.argv[2:4]
@@ -304,7 +304,7 @@ def test_a_failed_call_returns(second: RosbridgeClient, client: RosbridgeClient,
     malformed = {"question": "where_is", "args": "not JSON"}
     if ros_version is RosVersion.ONE:
         refusal = second.call_service("/mindstage/ask", malformed, timeout_s=TIMEOUT_S)["refusal"]
-        assert (refusal["kind"], "args" in refusal["text"]) == ("MessageRefused", True)
+        assert (refusal["code"], "args" in refusal["text"]) == ("MessageValidationError", True)
     else:
         with pytest.raises(ServiceCallError, match="args: JSON is malformed"):
             second.call_service("/mindstage/ask", malformed, timeout_s=TIMEOUT_S)

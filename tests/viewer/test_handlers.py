@@ -135,7 +135,7 @@ def test_invalid_requests_are_refused_and_change_nothing(
     before = physics_simulation.snapshot()
     with pytest.raises(RequestFailedError) as refused:
         client.ask(what, **arguments)
-    assert refused.value.type != "Defect", str(refused.value)
+    assert refused.value.code != "Defect", str(refused.value)
     assert "there is no such method" not in str(refused.value)
     assert physics_simulation.snapshot() == before
 
@@ -465,7 +465,7 @@ def test_invalid_maps_are_refused_and_change_nothing(
     before, knowledge = physics_simulation.snapshot(), physics_simulation.knowledge
     with pytest.raises(RequestFailedError) as refused:
         client.ask("load", name=name, text=text)
-    assert refused.value.type != "Defect", str(refused.value)
+    assert refused.value.code != "Defect", str(refused.value)
     assert "root:" not in str(refused.value)
     assert physics_simulation.snapshot() == before
     assert physics_simulation.knowledge is knowledge
@@ -478,7 +478,7 @@ def test_nothing_runs_in_a_description_that_a_page_loads(
     before = physics_simulation.snapshot()
     with pytest.raises(RequestFailedError, match=r"robot\.urdf: .* is written in xacro") as refused:
         client.ask("load", name="robot.urdf", text=hostile_urdf(kind, tmp_path / "marker"))
-    assert refused.value.type == "XacroRefused"
+    assert refused.value.code == "XacroRefusedError"
     assert "/tmp" not in str(refused.value).replace(str(tmp_path), "")
     assert not (tmp_path / "marker").exists()
     assert physics_simulation.snapshot() == before
@@ -504,7 +504,7 @@ def test_uploaded_maps_that_import_something_are_refused_with_its_name(
     else:
         imports = f'<owl:Ontology rdf:about="http://x#"><owl:imports rdf:resource="{name}"/></owl:Ontology></rdf:RDF>'
         text = client.ask("save")["text"].replace("</rdf:RDF>", imports)
-    with pytest.raises(RequestFailedError, match=f"ReferenceRefused.*imports {re.escape(name)}"):
+    with pytest.raises(RequestFailedError, match=f"ReferenceRefusedError.*imports {re.escape(name)}"):
         client.ask("load", name=f"map.{dialect}", text=text)
     assert physics_simulation.snapshot() == before
     assert physics_simulation.knowledge is knowledge
@@ -515,7 +515,7 @@ def test_uploaded_maps_must_not_refer_to_meshes_by_absolute_paths(
 ) -> None:
     before = physics_simulation.snapshot()
     world = _with_mesh(before, "file:///home/somebody/face.stl")
-    with pytest.raises(RequestFailedError, match=r"ResourceRefused.*is not granted"):
+    with pytest.raises(RequestFailedError, match=r"ResourceRefusedError.*is not granted"):
         client.ask("load", name="map.owl", text=write_map(world))
     assert physics_simulation.snapshot() == before
     loaded = client.ask("load", name="map.owl", text=write_map(_with_mesh(before, "package://kitchen/mug.stl")))

@@ -14,7 +14,7 @@ const POSE: Dictionary = {"position": POINT, "orientation": QUATERNION}
 const COLOR: Dictionary = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
 const FORCE: Dictionary = {"id": "", "force": POINT, "at_point": false, "point": POINT}
 const REFUSAL: Dictionary = {
-	"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": [""]
+	"code": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "suggestions": [""]
 }
 const FAILURE: Dictionary = {"id": "", "reason": ""}
 const NOTE: Dictionary = {"kind": "", "ids": [""], "text": ""}

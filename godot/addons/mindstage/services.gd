@@ -276,7 +276,7 @@ static func _result(refusal: Dictionary) -> Response:
 
 ## A result that succeeded, or failed with a WorldError if there is a reason.
 static func _world_error(reason: String) -> Response:
-	return _result({"kind": "WorldError", "text": reason} if reason else {})
+	return _result({"code": "WorldError", "text": reason} if reason else {})
 
 
 static func _failed(text: String) -> Response:
@@ -287,11 +287,11 @@ static func _failed(text: String) -> Response:
 
 ## An error message followed by a line of JSON with its fields, see `mindstage.bridge.description.error_text`.
 static func _unsupported(what: String, remedy: String) -> Response:
-	var facts: Dictionary = {"kind": "EngineUnable", "engine": ENGINE, "what": what, "remedy": remedy}
+	var facts: Dictionary = {"code": "UnsupportedByEngineError", "engine": ENGINE, "what": what, "remedy": remedy}
 	return _failed("the engine '%s' cannot %s; %s\n%s" % [ENGINE, what, remedy, JSON.stringify(facts)])
 
 
 func _unstable(what: String) -> Response:
-	var facts: Dictionary = {"kind": "SimulationUnstable", "time_s": simulation.clock.time_s(), "what": what}
+	var facts: Dictionary = {"code": "SimulationDivergedError", "time_s": simulation.clock.time_s(), "what": what}
 	var text: String = "the simulation became unstable at %.3f s: %s" % [simulation.clock.time_s(), what]
 	return _failed("%s\n%s" % [text, JSON.stringify(facts)])

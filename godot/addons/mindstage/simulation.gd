@@ -113,7 +113,7 @@ func attach(parent: String, child: String, plan: String) -> Dictionary:
 	var reason: String = world_model.attachment_error(parent, child)
 	if reason:
 		var text: String = "'%s' cannot be attached to '%s': %s" % [child, parent, reason]
-		return {"kind": "AttachmentRefused", "text": text, "parent": parent, "child": child, "reason": reason}
+		return {"code": "AttachmentError", "text": text, "parent": parent, "child": child, "reason": reason}
 	var before: MindstageUndoSnapshot = _snapshot()
 	update_poses()
 	world_model.parents.erase(child)
@@ -146,7 +146,7 @@ func set_pose(id: String, pose: Dictionary, plan: String) -> Dictionary:
 	var reason: String = MindstageWorldModel.pose_error(pose)
 	if reason:
 		var text: String = "'%s' cannot be placed there: %s" % [id, reason]
-		return {"kind": "PoseUnreachable", "text": text, "body": id, "reason": reason}
+		return {"code": "PoseUnreachableError", "text": text, "body": id, "reason": reason}
 	var before: MindstageUndoSnapshot = _snapshot()
 	update_poses()
 	physics_scene.apply(

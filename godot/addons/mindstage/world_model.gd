@@ -204,7 +204,7 @@ func _unknown_body_error(id: String) -> Dictionary:
 	var text: String = "no body '%s'%s" % [id, " in '%s'" % world if world else ""]
 	if suggestions:
 		text += "; near: " + ", ".join(suggestions.map(func(each: String) -> String: return "'%s'" % each))
-	return {"kind": "BodyUnknown", "text": text, "body": id, "world": world, "near": suggestions}
+	return {"code": "BodyNotFoundError", "text": text, "body": id, "world": world, "suggestions": suggestions}
 
 
 func _add_bodies(items: Array, texts: PackedStringArray, result: SpawnResult) -> void:

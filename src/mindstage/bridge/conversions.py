@@ -105,13 +105,13 @@ _COLORS: dict[world_control_msgs.ColorCode, Color] = {
     world_control_msgs.ColorCode(code): color for code, color in enumerate(COLORS.values(), start=1)
 }
 WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
-    "BodyUnknown": lambda message: BodyNotFoundError(message.body, known=message.near, world=message.world),
-    "BodyExists": lambda message: BodyExistsError(message.body),
-    "PoseUnreachable": lambda message: PoseUnreachableError(message.body, reason=message.reason),
-    "AttachmentRefused": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
+    "BodyNotFoundError": lambda message: BodyNotFoundError(message.body, known=message.suggestions, world=message.world),
+    "BodyExistsError": lambda message: BodyExistsError(message.body),
+    "PoseUnreachableError": lambda message: PoseUnreachableError(message.body, reason=message.reason),
+    "AttachmentError": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
 }
 ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
-    cls.code: cls
+    cls.__name__: cls
     for cls in (
         EngineUnavailableError,
         EngineTimeoutError,
@@ -209,21 +209,20 @@ def color_code(color: Color | None) -> world_control_msgs.ColorCode:
 
 def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
     """Converts an error of the world to a message."""
-    facts = dict(vars(error))
-    facts["near"] = facts.pop("suggestions", ())
+    facts = vars(error)
     fields = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
-    return mindstage_msgs.Refusal(kind=error.code, text=str(error), **fields)
+    return mindstage_msgs.Refusal(code=error.code, text=str(error), **fields)
 
 
 def message_to_error(message: mindstage_msgs.Refusal) -> WorldError:
     """Converts a message to an error of its class; a `WorldError` with the text if the class is unknown."""
-    factory = WORLD_ERROR_FACTORIES.get(message.kind)
+    factory = WORLD_ERROR_FACTORIES.get(message.code)
     return factory(message) if factory else WorldError(message.text)
 
 
 def error_text(error: EngineError) -> str:
     """Encodes an engine error as the text of a failed call."""
-    facts = {"kind": error.code, **vars(error)}
+    facts = {"code": error.code, **vars(error)}
     return f"{error}\n{msgspec.json.encode(facts).decode()}"
 
 
@@ -232,7 +231,7 @@ def error_from_text(text: str) -> EngineError:
     message, _, fields = text.partition("\n")
     try:
         values = msgspec.json.decode(fields, type=dict[str, str | float])
-        return ENGINE_ERROR_TYPES[str(values.pop("kind"))](**values)
+        return ENGINE_ERROR_TYPES[str(values.pop("code"))](**values)
     except (msgspec.MsgspecError, KeyError, TypeError):
         return EngineError(message)
 

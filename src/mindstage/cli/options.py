@@ -326,7 +326,7 @@ def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
     exit_if_terminated()
     try:
         if as_json:
-            print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
+            print_json({"error": {"code": getattr(error, "code", type(error).__name__), "message": message}})
     except OSError:
         discard_output()
     with suppress(OSError):  # nothing more can be reported

@@ -161,6 +161,6 @@ highlight_bodies(Individuals, Color, Reason) :-
     request(highlight(All, Color, Reason), highlighted(Count, NotHighlighted)),
     (   Count =:= 0, NotHighlighted = [not_highlighted(Name, Why)|_]
     ->  format(string(Sentence), "~w cannot be highlighted: ~w", [Name, Why]),
-        throw(mindstage_error(body_unknown, Sentence))
+        throw(mindstage_error('BodyNotFoundError', Sentence))
     ;   forall(member(not_highlighted(Name, Why), NotHighlighted), print_message(warning, mindstage_not_highlighted(Name, Why)))
     ).

@@ -62,7 +62,7 @@ class PlanActions:
             return trial.run()
         except (PlanError, InvalidArgumentError, MessageValidationError) as error:
             place = getattr(error, "place", "") or getattr(error, "path", "")
-            refusal = wire.Refusal(kind=type(error).__name__, text=str(error), reason=str(place))
+            refusal = wire.Refusal(code=type(error).__name__, text=str(error), reason=str(place))
             return _without_samples(str(error), refusal=refusal)
 
 

@@ -3,7 +3,7 @@
 The channel is one websocket per page with small JSON messages:
 
     page → server   {"id": 7, "method": "select", "params": {"id": "Mug"}}
-    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"type": "BodyUnknown", "message": "no body …"}}
+    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"code": "BodyNotFoundError", "message": "no body …"}}
     server → page   {"topic": "clock", "value": …}                                                  (event)
 
 Every request gets a response. Parameters are typed, unknown fields are refused with the path to them. Requests run in
@@ -580,11 +580,11 @@ class RpcChannel:
             request = msgspec.json.decode(message, type=_Request)
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
             refused = InvalidRequestError("a message", cause=str(error))
-            session.send(_error_message(_request_id(message), "RequestRefused", str(refused)))
+            session.send(_error_message(_request_id(message), "InvalidRequestError", str(refused)))
             return None
         if request.method not in self._methods:
             refused = InvalidRequestError(repr(request.method), cause="there is no such method", known=self._methods)
-            session.send(_error_message(request.id, "RequestRefused", str(refused)))
+            session.send(_error_message(request.id, "InvalidRequestError", str(refused)))
             return None
         return request
 
@@ -621,7 +621,7 @@ class RpcChannel:
             arguments = msgspec.json.decode(request.arguments, type=method.request_type)
         except (msgspec.DecodeError, RecursionError) as error:
             refused = InvalidRequestError(repr(request.method), cause=str(error))
-            return _error_message(request.id, "RequestRefused", str(refused))
+            return _error_message(request.id, "InvalidRequestError", str(refused))
         try:
             with as_client(CLIENT):
                 result = method.handler(session, arguments) if later is None else later.finish()
@@ -655,8 +655,8 @@ def _request_id(message: str | bytes) -> int | None:
     return id if isinstance(id, int) and not isinstance(id, bool) else None
 
 
-def _error_message(id: int | None, type: str, text: str) -> bytes:
-    return encode_json({"id": id, "error": {"type": type, "message": text}})
+def _error_message(id: int | None, code: str, text: str) -> bytes:
+    return encode_json({"id": id, "error": {"code": code, "message": text}})
 
 
 def _session_key(path: str) -> str:

@@ -487,7 +487,7 @@ def _raise_refusal(reply: Any, error: type[Exception]) -> None:
     """
     if getattr(reply, "success", True):
         return
-    if reply.refusal.kind:
+    if reply.refusal.code:
         raise message_to_error(reply.refusal)
     if not isinstance(reply, wire.SpawnWorld.Response):  # its report lists the failures
         raise error(reply.refusal.text or "the remote engine refused the request without a reason")

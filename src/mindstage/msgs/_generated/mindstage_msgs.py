@@ -233,8 +233,8 @@ class Note(base.Message, frozen=True):
 class Refusal(base.Message, frozen=True):
     """Error of an operation on the world; all fields are empty on success."""
 
-    kind: base.String = ""
-    """Class of the error, such as `BodyUnknown`."""
+    code: base.String = ""
+    """Class of the error, such as `BodyNotFoundError`."""
     text: base.String = ""
     """Error message."""
     body: base.String = ""
@@ -245,7 +245,7 @@ class Refusal(base.Message, frozen=True):
     """For errors of attachments: id of the child."""
     reason: base.String = ""
     world: base.String = ""
-    near: tuple[base.String, ...] = ()
+    suggestions: tuple[base.String, ...] = ()
     """Similar ids that exist."""
 
 
