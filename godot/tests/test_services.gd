@@ -7,7 +7,7 @@ func test_describe_returns_a_unique_session() -> void:
 	var one: Dictionary = (await MindstageServices.new(simulation).respond("describe", {})).values
 	var other: Dictionary = (await MindstageServices.new(simulation).respond("describe", {})).values
 	same(one["engine"], "godot", "engine")
-	same(one["takes"], ["forms", "plan"], "takes")
+	same(one["takes"], ["geometries", "plan"], "takes")
 	check(one["session"] != other["session"] and one["session"].length() == 16, "session")
 	await drop(simulation)
 

@@ -438,7 +438,6 @@ class XacroRefusedError(SourceParseError):
     """A robot description contains xacro, and nobody has asked for its expansion."""
 
 
-
 @dataclass(eq=False, repr=False)
 class ReferenceRefusedError(KnowledgeError):
     """A text that came over a port names something that would have to be read for it, such as an import."""
@@ -454,7 +453,6 @@ class ReferenceRefusedError(KnowledgeError):
 @dataclass(eq=False, repr=False)
 class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
-
 
     _: KW_ONLY
     requested: str = ""
@@ -474,7 +472,6 @@ class MapNotFoundError(KnowledgeError):
 class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
-
     known: Sequence[str]
 
     def __post_init__(self) -> None:
@@ -487,7 +484,6 @@ class AmbiguousMapError(KnowledgeError):
 @dataclass(eq=False, repr=False)
 class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
-
 
     map: str
     _: KW_ONLY
@@ -532,7 +528,6 @@ class NameNotFoundError(KnowledgeError):
 class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
 
-
     name: str
     _: KW_ONLY
     entity_type: str
@@ -572,7 +567,6 @@ class QuestionNotFoundError(KnowledgeError):
 class SentenceNotUnderstoodError(KnowledgeError):
     """A plain sentence asks no declared question, or contains a name that is unknown."""
 
-
     sentence: str
     _: KW_ONLY
     unknown: Sequence[str] = ()
@@ -595,7 +589,6 @@ class SentenceNotUnderstoodError(KnowledgeError):
 @dataclass(eq=False, repr=False)
 class AmbiguousSentenceError(KnowledgeError):
     """A plain sentence can be understood in several ways."""
-
 
     sentence: str
     _: KW_ONLY
@@ -650,7 +643,6 @@ class InvalidArgumentError(KnowledgeError):
 @dataclass(eq=False, repr=False)
 class NumberRefusedError(InvalidArgumentError, ValueError):
     """A number is not finite, or beyond its declared range; `subject` is the parameter, `cause` the range."""
-
 
 
 @dataclass(eq=False, repr=False)
@@ -966,7 +958,6 @@ class SkillFailedError(RobotError):
 
 class SimulationError(MindstageError):
     """The simulation thread could not execute the call."""
-
 
 
 @dataclass(eq=False, repr=False)

@@ -64,7 +64,7 @@ def test_any_world_survives_a_round_trip_exactly(world: World) -> None:
 
 def test_the_format_version_is_always_written() -> None:
     part = json.loads(world_to_json(kitchenette()))
-    assert part["format_version"] == 1
+    assert part["format_version"] == 2
     assert part["iri"] == kitchenette().iri
 
 
@@ -75,11 +75,11 @@ def test_the_format_version_is_always_written() -> None:
         ("{", "it is not JSON"),
         ("[]", "expected object, got array"),
         ('{"iri": "x"}', "missing required field format_version"),
-        ('{"iri": "x", "format_version": 2}', "this version of Mindstage reads 1"),
-        ('{"format_version": 1}', "missing required field iri"),
-        ('{"iri": "x", "format_version": 1, "boddies": []}', "unknown field boddies"),
-        ('{"iri": "x", "format_version": 1, "name": NaN}', "it is not JSON"),
-        ('{"iri":"x","format_version":1,"facts":' + '[{"property":"p","value":{"type":"anonymous","facts":' * 5000, ""),
+        ('{"iri": "x", "format_version": 1}', "this version of Mindstage reads 2"),
+        ('{"format_version": 2}', "missing required field iri"),
+        ('{"iri": "x", "format_version": 2, "boddies": []}', "unknown field boddies"),
+        ('{"iri": "x", "format_version": 2, "name": NaN}', "it is not JSON"),
+        ('{"iri":"x","format_version":2,"facts":' + '[{"property":"p","value":{"type":"anonymous","facts":' * 5000, ""),
     ],
 )
 def test_invalid_worlds_are_rejected(text: str, cause: str) -> None:

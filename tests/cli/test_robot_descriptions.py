@@ -23,7 +23,7 @@ def kitchen(folder: Path) -> str:
 def test_a_robot_description_is_spawned_and_checked_like_a_map(run: Run, tmp_path: Path) -> None:
     spawned = run("spawn", kitchen(tmp_path), "--no-viewport", "--json")
     assert spawned.exit_code == 0
-    assert (json_output(spawned)["spawn"]["bodies"], json_output(spawned)["spawn"]["constraints"]) == (8, 2)
+    assert (json_output(spawned)["spawn"]["bodies"], json_output(spawned)["spawn"]["joints"]) == (8, 2)
     checked = run("check", kitchen(tmp_path), "--json")
     assert (checked.exit_code, json_output(checked)["identical"], json_output(checked)["lost_facts"]) == (0, True, 0)
 

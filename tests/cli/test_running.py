@@ -171,7 +171,7 @@ def test_answers_are_highlighted_in_the_running_simulation(run: Run, kitchen: Si
     (group,) = kitchen.state.highlight_groups
     assert group.ids == ("fridge",)
     result = json_output(run(*args, "none", "--json"))
-    assert (result["colour"], result["lit"]) == ("none", [])
+    assert (result["color"], result["highlighted"]) == ("none", [])
     assert kitchen.state.highlight_groups == ()
 
 

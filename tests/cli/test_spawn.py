@@ -25,7 +25,7 @@ def test_spawning_the_kitchen_prints_a_report(run: Run) -> None:
     assert report["engine"] == "mujoco"
     assert report["spawn"]["ok"] is True
     assert report["spawn"]["bodies"] >= 120
-    assert report["spawn"]["constraints"] >= 20
+    assert report["spawn"]["joints"] >= 20
     assert report["simulated_s"] == 0.1
     assert report["real_time_factor"] > 0.0
 

@@ -17,8 +17,8 @@ def test_a_map_without_findings_is_clean(run: Run, write_map: WriteMap) -> None:
     assert output["counts"] == {"error": 0, "warning": 0}
     assert output["findings"] == []
     (map,) = output["maps"]
-    assert (map["bodies"], map["constraints"], map["attachments"], map["lights"]) == (2, 0, 0, 0)
-    assert {each["about"]: each["value"] for each in map["assumptions"]} == {
+    assert (map["bodies"], map["joints"], map["attachments"], map["lights"]) == (2, 0, 0, 0)
+    assert {each["topic"]: each["value"] for each in map["assumptions"]} == {
         "units": "m",
         "frame": "ros",
         "quaternion": "wxyz",
@@ -37,7 +37,7 @@ def test_findings_are_listed_and_exit_1(run: Run, write_map: WriteMap) -> None:
     assert output["counts"]["error"] == 2
     skipped = {finding["individual"].split("#")[1] for finding in output["findings"] if finding["severity"] == "error"}
     assert skipped == {"Mug1", "Mug3"}
-    assert {"severity", "individual", "property", "what", "did", "group"} == set(output["findings"][0])
+    assert {"severity", "individual", "property", "problem", "action", "group"} == set(output["findings"][0])
 
 
 @pytest.mark.parametrize("content", ["once upon a time", "<rdf:RDF xmlns:rdf='http://x#'>", ""])

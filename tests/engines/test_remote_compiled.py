@@ -28,7 +28,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
     describe, spawn = EngineServices.describe, EngineServices.spawn_world
 
     def described(self: EngineServices, request: wire.Describe.Request) -> wire.Describe.Response:
-        return msgspec.structs.replace(describe(self, request), takes=("forms", "plan"))
+        return msgspec.structs.replace(describe(self, request), takes=("geometries", "plan"))
 
     def spawned(self: EngineServices, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
         models.append(request.plan)

@@ -311,7 +311,7 @@ def test_unknown_capabilities_are_ignored(fake_engine: RemoteEngine) -> None:
 
 
 def test_another_world_format_is_refused_on_connection(fake: FakeRemote) -> None:
-    fake.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 2})]
+    fake.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 1})]
     with pytest.raises(EngineUnavailableError, match="its world format is 2, and this Mindstage's is 1; use the same"):
         connect(fake.address)
 

@@ -329,7 +329,7 @@ def test_a_question_without_any_map_or_ontology_has_no_answers() -> None:
 
 def test_a_class_can_be_asked_for_by_the_value_of_a_property(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask("class_properties", property="typePrimaryFunction-containerFor", value="Perishable")
-    assert {local_name(row.told_by) for row in rows} == {"Refrigerator"}
+    assert {local_name(row.source) for row in rows} == {"Refrigerator"}
     assert {row.value for row in rows} == {f"{KNOWROB}Perishable"}
     widths = kitchen.ask("class_properties", property="widthOfObject", value=0.6)
     assert widths

@@ -53,7 +53,7 @@ def test_a_world_survives_a_round_trip_without_loss(engine: Call, simulation: Si
     assert engine("clear") == {"success": True, "refusal": EMPTY}
     reply = engine("spawn_world", world=world_to_json(kitchenette()))
     assert reply["success"]
-    assert (reply["report"]["bodies"], reply["report"]["constraints"], reply["report"]["attachments"]) == (8, 2, 2)
+    assert (reply["report"]["bodies"], reply["report"]["joints"], reply["report"]["attachments"]) == (8, 2, 2)
     assert diff(kitchenette(), world_from_json(engine("log_world")["world"])).identical(0.0)
 
 
@@ -66,9 +66,9 @@ def test_failures_are_in_the_spawn_report(engine: Call) -> None:
 def test_describe_returns_engine_and_capabilities(engine: Call) -> None:
     response = engine("describe")
     assert (response["engine"], response["abilities"], response["format_version"]) == (
-        "mujoco", ["actuators", "joints", "save"], 1,
+        "mujoco", ["actuators", "joints", "save"], 2,
     )  # fmt: skip
-    assert response["takes"] == ["forms"]
+    assert response["takes"] == ["geometries"]
 
 
 def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
@@ -141,7 +141,7 @@ def test_geometries_in_the_request_are_used(engine: Call, simulation: Simulation
         shape_name="puck",
     )
     forms = geometry_to_json({BodyId("Mug"): flat})
-    assert engine("spawn_world", world=world_to_json(kitchenette()), forms=forms)["success"]
+    assert engine("spawn_world", world=world_to_json(kitchenette()), geometries=forms)["success"]
     assert simulation.geometry[BodyId("Mug")].collision_shapes == flat.collision_shapes
     engine("step", duration_s=1.0)
     assert position_of(engine("get_poses")["poses"][7])[2] == pytest.approx(
@@ -152,7 +152,7 @@ def test_geometries_in_the_request_are_used(engine: Call, simulation: Simulation
 def test_invalid_geometries_are_rejected_before_spawning(engine: Call, simulation: Simulation) -> None:
     engine("clear")
     with pytest.raises(ServiceCallError, match="no geometry has the key"):
-        engine("spawn_world", world=world_to_json(kitchenette()), forms='{"bodies": {"Mug": "0123456789abcdef"}}')
+        engine("spawn_world", world=world_to_json(kitchenette()), geometries='{"bodies": {"Mug": "0123456789abcdef"}}')
     assert simulation.state.ids == ()
 
 
@@ -196,7 +196,7 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
         ("delete", {"ids": ["nobody"]}),
         ("attach", {"parent": "nobody", "child": "Mug"}),
         ("detach", {"child": "nobody"}),
-        ("highlight", {"ids": ["nobody"], "lit": True}),
+        ("highlight", {"ids": ["nobody"], "highlighted": True}),
         ("push", {"id": "nobody"}),
         ("set_physics", {"id": "nobody", "physics": "{}"}),
         ("set_materials", {"id": "nobody", "materials": "[]"}),
@@ -209,7 +209,7 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
     ("service", "args", "text"),
     [
         ("spawn_world", {"world": "{}"}, "format_version"),
-        ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 1"),
+        ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 2"),
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
         ("step", {"duration_s": -1.0}, "it must be a number from 0 to 3600 s"),

@@ -30,7 +30,7 @@ TYPES = {
     "/tf_static": "tf2_msgs/TFMessage",
     "/unreal/joint_states": "sensor_msgs/JointState",
     "/unreal/world": "visualization_msgs/MarkerArray",
-    "/unreal/highlights": "mindstage_msgs/LitGroups",
+    "/unreal/highlights": "mindstage_msgs/HighlightGroups",
     "/mindstage/health": "diagnostic_msgs/DiagnosticArray",
 }
 

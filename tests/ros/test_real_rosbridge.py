@@ -55,7 +55,7 @@ def pose(x, y, z):
 TOPICS = (
     HEAD
     + """
-from mindstage_msgs.msg import LitBodies
+from mindstage_msgs.msg import HighlightGroup
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -72,7 +72,7 @@ def marker(id):
     new.header.frame_id = "world"
     return new
 
-publish("highlight", LitBodies(ids=["Mug"], color=ColorRGBA(0, 0, 1, 1), label="from rospy"))
+publish("highlight", HighlightGroup(ids=["Mug"], color=ColorRGBA(0, 0, 1, 1), label="from rospy"))
 first = int(sys.argv[2])
 publish("markers", MarkerArray(markers=[marker(first), marker(first + 1)]))
 publish("marker", marker(first + 2))
@@ -240,10 +240,12 @@ def test_topics_pass_the_rosbridge_in_both_directions(second: RosbridgeClient, s
     for topic in ("/tf", "/tf_static"):
         second.subscribe(topic, note, type="tf2_msgs/TFMessage")
     eventually(lambda: set(simulation.state.ids) <= frames)
-    second.advertise("/unreal/highlight", "mindstage_msgs/LitBodies")
+    second.advertise("/unreal/highlight", "mindstage_msgs/HighlightGroup")
     color = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 1.0}
     eventually(lambda: second.has_subscribers("/unreal/highlight"))
-    second.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"], "color": color, "label": "blue"})
+    second.publish(
+        "/unreal/highlight", "mindstage_msgs/HighlightGroup", {"ids": ["Mug"], "color": color, "label": "blue"}
+    )
     eventually(lambda: {group.label: group.ids for group in simulation.state.highlight_groups}.get("blue") == ("Mug",))
 
 

@@ -310,7 +310,9 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
         with pytest.raises(RequestFailedError, match=r"QuestionTimeoutError: maps was not answered within 0.2 s"):
             page.ask("ask", question="maps")
         for _ in range(4):
-            with pytest.raises(RequestFailedError, match=r"QuestionTimeoutError: .*'stays' was not answered within 0.2 s"):
+            with pytest.raises(
+                RequestFailedError, match=r"QuestionTimeoutError: .*'stays' was not answered within 0.2 s"
+            ):
                 page.ask("ask", question="stays")
         with pytest.raises(RequestFailedError, match=r"QueryLimitError: .*4 other questions are being answered"):
             page.ask("ask", question="stays")

@@ -123,8 +123,8 @@ def test_the_simulation_is_played_paused_stepped_and_reset(physics_simulation: S
         ("set_clipping_height", {"height": "high"}),
         ("set_labels", {"mode": "some"}),
         ("undo", {}),
-        ("add", {"class": "NoSuchClassAtAll"}),
-        ("add", {"class": "Cup", "size": [0.1, 0.1, -1.0]}),
+        ("add", {"cls": "NoSuchClassAtAll"}),
+        ("add", {"cls": "Cup", "size": [0.1, 0.1, -1.0]}),
         ("save", {"dialect": "klingon"}),
         ("load", {"name": "x.owl"}),
     ],
@@ -206,9 +206,9 @@ def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physic
             return bool(shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0])
 
         wait_until(is_turned, "the camera is turned")
-        seen = client.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
+        seen = client.ask("add", **{"cls": "Cup", "size": [0.1, 0.1, 0.1]})
         assert at(physics_simulation, seen)[:2] == pytest.approx((-1.0, -1.5))
-        elsewhere = other.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
+        elsewhere = other.ask("add", **{"cls": "Cup", "size": [0.1, 0.1, 0.1]})
         assert at(physics_simulation, elsewhere)[:2] == pytest.approx((0.0, 0.0)), "that page has no view"
 
 
@@ -356,7 +356,7 @@ def test_classes_are_found_by_a_part_of_the_name_best_match_first(client: PageCl
 
 
 def test_a_body_is_added_and_the_addition_undone(physics_simulation: Simulation, client: PageClient) -> None:
-    id = client.ask("add", **{"class": f"{KNOWROB}Cup", "at": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
+    id = client.ask("add", **{"cls": f"{KNOWROB}Cup", "at": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
     cup = physics_simulation.snapshot().body(id)
     assert (cup.size, cup.physics.mobility) == ((0.08, 0.08, 0.1), Mobility.DYNAMIC)
     assert cup.pose.position == pytest.approx((0.5, -1.0, 0.052))
@@ -369,7 +369,7 @@ def test_a_body_is_added_and_the_addition_undone(physics_simulation: Simulation,
 
 
 def test_a_body_is_added_on_another_one(physics_simulation: Simulation, client: PageClient) -> None:
-    id = client.ask("add", **{"class": "Cup", "on": "Cupboard", "size": [0.08, 0.08, 0.1]})
+    id = client.ask("add", **{"cls": "Cup", "on": "Cupboard", "size": [0.08, 0.08, 0.1]})
     assert at(physics_simulation, id)[2] == pytest.approx(0.85, abs=0.01)
     client.ask("undo")
     assert id not in physics_simulation.state.ids

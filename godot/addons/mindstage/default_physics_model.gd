@@ -64,7 +64,7 @@ static func _body_model(
 		"mobility": kind,
 		"gravity": body.physics().get("gravity") != false,
 		"mass_kg": mass if kind == "dynamic" else 0.0,
-		"solids": body.geometry.get("solids", [{"kind": shape.get("kind", "box"), "size": size}]),
+		"collision_shapes": body.geometry.get("collision_shapes", [{"type": shape.get("type", "box"), "size": size}]),
 	}
 	if top != id:
 		model["hold"] = relative(rows, world_model.bodies[top].row, body.row)

@@ -20,10 +20,10 @@ const FAILURE: Dictionary = {"id": "", "reason": ""}
 const NOTE: Dictionary = {"kind": "", "ids": [""], "text": ""}
 const REPORT: Dictionary = {
 	"bodies": 0,
-	"constraints": 0,
+	"joints": 0,
 	"attachments": 0,
 	"failed_bodies": [FAILURE],
-	"failed_constraints": [FAILURE],
+	"failed_joints": [FAILURE],
 	"failed_attachments": [FAILURE],
 	"notes": [NOTE],
 }
@@ -42,7 +42,7 @@ const SERVICES: Dictionary = {
 	"spawn_world":
 	{
 		"type": "mindstage_msgs/SpawnWorld",
-		"request": {"world": "", "forms": "", "plan": ""},
+		"request": {"world": "", "geometries": "", "plan": ""},
 		"response": {"success": false, "refusal": REFUSAL, "report": REPORT},
 	},
 	"log_world":
@@ -73,7 +73,7 @@ const SERVICES: Dictionary = {
 	"highlight":
 	{
 		"type": "mindstage_msgs/Highlight",
-		"request": {"ids": [""], "lit": false, "color": COLOR},
+		"request": {"ids": [""], "highlighted": false, "color": COLOR},
 		"response": RESULT,
 	},
 	"get_highlights":

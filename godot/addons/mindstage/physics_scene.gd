@@ -14,7 +14,7 @@ const _PHYSICS_KEYS: Array[String] = [
 	"gravity",
 	"mass_kg",
 	"ghost",
-	"solids",
+	"collision_shapes",
 	"friction",
 	"restitution",
 	"on_ground",

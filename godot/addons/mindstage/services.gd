@@ -60,14 +60,14 @@ func _describe(_request: Dictionary) -> Response:
 			"time_s": simulation.clock.time_s(),
 			"format_version": MindstageWorldModel.FORMAT_VERSION,
 			"session": session,
-			"takes": ["forms", "plan"],
+			"takes": ["geometries", "plan"],
 		}
 	)
 
 
 func _spawn_world(request: Dictionary) -> Response:
 	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
-	var reason: String = simulation.spawn(request["world"], request["forms"], request["plan"], result)
+	var reason: String = simulation.spawn(request["world"], request["geometries"], request["plan"], result)
 	if reason:
 		return _failed(reason)
 	var failed: bool = not (
@@ -128,7 +128,7 @@ func _set_label(request: Dictionary) -> Response:
 
 func _highlight(request: Dictionary) -> Response:
 	var rgba: Dictionary = request["color"]
-	var color: Color = Color(rgba["r"], rgba["g"], rgba["b"], 1.0) if request["lit"] else Color(0, 0, 0, 0)
+	var color: Color = Color(rgba["r"], rgba["g"], rgba["b"], 1.0) if request["highlighted"] else Color(0, 0, 0, 0)
 	return _result(simulation.highlight(request["ids"], color))
 
 

@@ -66,7 +66,7 @@ func spawn(world: String, geometries: String, plan: String, result: MindstageWor
 	for body: MindstageBody in result.bodies:
 		var warning: String = MindstageVisuals.build(body)
 		if warning:
-			result.notes.append({"kind": "untold", "ids": [body.id], "text": warning})
+			result.notes.append({"kind": "unstated", "ids": [body.id], "text": warning})
 		MindstageOverlapArea.update(self, body)
 	for id: String in result.lights:
 		lights[id] = MindstageLights.make(MindstageJsonText.read(world_model.lights[id]))
@@ -326,10 +326,10 @@ func _assign_geometry(text: String, result: MindstageWorldModel.SpawnResult) -> 
 		return
 	var data: Variant = MindstageJsonText.read(text)
 	if not data is Dictionary:
-		push_error("Mindstage: the forms are not a JSON object; collision shapes are shown instead")
+		push_error("Mindstage: the geometries are not a JSON object; collision shapes are shown instead")
 		return
 	var keys: Dictionary = data.get("bodies", {})
-	var geometries: Dictionary = data.get("forms", {})
+	var geometries: Dictionary = data.get("geometries", {})
 	for body: MindstageBody in result.bodies:
 		body.geometry = geometries.get(keys.get(body.id, ""), {})
 

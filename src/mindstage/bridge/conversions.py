@@ -105,7 +105,9 @@ _COLORS: dict[world_control_msgs.ColorCode, Color] = {
     world_control_msgs.ColorCode(code): color for code, color in enumerate(COLORS.values(), start=1)
 }
 WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
-    "BodyNotFoundError": lambda message: BodyNotFoundError(message.body, known=message.suggestions, world=message.world),
+    "BodyNotFoundError": lambda message: BodyNotFoundError(
+        message.body, known=message.suggestions, world=message.world
+    ),
     "BodyExistsError": lambda message: BodyExistsError(message.body),
     "PoseUnreachableError": lambda message: PoseUnreachableError(message.body, reason=message.reason),
     "AttachmentError": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
@@ -345,7 +347,7 @@ class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """Effective mass: estimated if the map has none; 0 for a body that is not dynamic [kg]."""
     ghost: bool = False
     """Whether the body collides with nothing."""
-    solids: tuple[CollisionShape, ...] = ()
+    collision_shapes: tuple[CollisionShape, ...] = ()
     """Collision shapes, in the frame of the body."""
     friction: float | None = None
     """Coefficient of friction; None is the default of the engine."""
@@ -423,14 +425,6 @@ class GeometryMessage(
     FrozenStruct,
     frozen=True,
     kw_only=True,
-    rename={
-        "collision_shapes": "solids",
-        "reason": "why",
-        "shape_name": "kind",
-        "support_surfaces": "places",
-        "lights": "glows",
-        "material": "surface",
-    },
 ):
     """The JSON of a body geometry; fields that are missing have their defaults."""
 
@@ -450,7 +444,7 @@ class GeometryMessage(
     """Material of the collision shapes, if those are displayed."""
 
 
-class GeometryMapMessage(FrozenStruct, frozen=True, kw_only=True, rename={"geometries": "forms"}):
+class GeometryMapMessage(FrozenStruct, frozen=True, kw_only=True):
     """The JSON of the geometries of some bodies; equal geometries are listed once."""
 
     bodies: dict[BodyId, str] = msgspec.field(default_factory=dict)
@@ -502,7 +496,7 @@ def geometry_from_json(
     geometries = {key: _from_message(key, each, load_visuals) for key, each in message.geometries.items()}
     for id, key in message.bodies.items():
         if key not in geometries:
-            raise MessageValidationError("forms", path=f"bodies.{id}", cause=f"no geometry has the key {key!r}")
+            raise MessageValidationError("geometries", path=f"bodies.{id}", cause=f"no geometry has the key {key!r}")
     return {id: geometries[key] for id, key in message.bodies.items()}
 
 
@@ -526,11 +520,11 @@ def _from_message(
 ) -> BodyGeometry:
     if message.mesh and message.mesh != mesh_name(key):
         raise MessageValidationError(
-            "forms", path=f"forms.{key}.mesh", cause=f"{message.mesh!r} is not the mesh of this geometry"
+            "geometries", path=f"geometries.{key}.mesh", cause=f"{message.mesh!r} is not the mesh of this geometry"
         )
     for number, shape in enumerate(message.collision_shapes):
         if cause := _shape_error(shape):
-            raise MessageValidationError("forms", path=f"forms.{key}.solids[{number}]", cause=cause)
+            raise MessageValidationError("geometries", path=f"geometries.{key}.collision_shapes[{number}]", cause=cause)
     return BodyGeometry(
         key=key,
         visuals=load_visuals(message.mesh) if message.mesh else (),

@@ -152,9 +152,9 @@ def _highlight_json(result: HighlightResult, color: Color | None) -> dict[str, o
     from mindstage.scene.colors import NO_COLOR, color_name
 
     return {
-        "colour": NO_COLOR if color is None else color_name(color),
-        "lit": [] if color is None else list(result.highlighted),
-        "not_lit": msgspec.to_builtins(result.unhighlighted),
+        "color": NO_COLOR if color is None else color_name(color),
+        "highlighted": [] if color is None else list(result.highlighted),
+        "not_highlighted": msgspec.to_builtins(result.unhighlighted),
     }
 
 
@@ -567,10 +567,10 @@ def _ask_running(
         for note in result.get("notes", ()):
             print_line(note)
         _print_received(get_question(result["question"]), result, why=why)
-        for item in result.get("not_lit", ()):
+        for item in result.get("not_highlighted", ()):
             warn(f"not highlighted: {item['id']}: {item['reason']}")
         if highlight is not None:
-            print_line(f"{len(result['lit'])} highlighted in {simulation.address}")
+            print_line(f"{len(result['highlighted'])} highlighted in {simulation.address}")
     return ExitCode.OK if result["answers"] else ExitCode.NEGATIVE
 
 

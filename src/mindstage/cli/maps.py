@@ -150,7 +150,7 @@ def validate(
 def _counts(world: World) -> dict[str, int]:
     return {
         "bodies": len(world.bodies),
-        "constraints": len(world.joints),
+        "joints": len(world.joints),
         "attachments": len(world.attachments),
         "lights": len(world.lights),
     }
@@ -219,7 +219,7 @@ def convert(
         )
     dialect_written = dialect_name(world, knowledge, kind, chosen)
     if as_json:
-        output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
+        output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "joints": len(world.joints)}
         output |= {"format": kind.value, "dialect": dialect_written, "notes": list(notes)}
         print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
         return ExitCode.OK

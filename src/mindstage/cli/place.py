@@ -145,7 +145,7 @@ def _omission(placement: PlacementReport) -> str:
 def _report_json(placement: PlacementReport) -> dict[str, object]:
     import msgspec
 
-    return {"put": msgspec.to_builtins(placement.placed), "unplaced": msgspec.to_builtins(placement.unplaced)}
+    return {"placed": msgspec.to_builtins(placement.placed), "unplaced": msgspec.to_builtins(placement.unplaced)}
 
 
 def _print_report(placement: PlacementReport, *, verbose: bool) -> None:
@@ -154,7 +154,7 @@ def _print_report(placement: PlacementReport, *, verbose: bool) -> None:
         for each in placement.placed
     ]
     if rows:
-        columns = ("item", "holder", "position [m]", "attempts")
+        columns = ("item", "support", "position [m]", "attempts")
         shown = len(columns) if verbose else len(columns) - 1
         print_table("Placed", columns[:shown], [row[:shown] for row in rows])
     for item in placement.unplaced:

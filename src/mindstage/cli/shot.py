@@ -318,7 +318,10 @@ def _try_plan(simulation: Simulation, plan: PlanFile) -> Verdict:
 def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:
     if as_json:
         groups = [
-            {"lit": list(result.highlighted), "not_lit": {item.id: item.reason for item in result.unhighlighted}}
+            {
+                "highlighted": list(result.highlighted),
+                "not_highlighted": {item.id: item.reason for item in result.unhighlighted},
+            }
             for result in results
         ]
         print_json(summary | {"highlights": groups})

@@ -372,12 +372,12 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
         "simulated_s": seconds,
         "out": str(out),
         "bodies": len(logged.bodies),
-        "constraints": len(logged.joints),
+        "joints": len(logged.joints),
     }
 
 
 def _print_summary(summary: dict[str, object]) -> None:
-    print_line(f"{summary['bodies']} bodies, {summary['constraints']} joints → {summary['out']}")
+    print_line(f"{summary['bodies']} bodies, {summary['joints']} joints → {summary['out']}")
 
 
 # -- check -------------------------------------------------------------------------------------------------------------

@@ -357,7 +357,7 @@ class WorldPredicates:
 def _failures(report: SpawnReport) -> Iterator[Value]:
     for kind, failures in (
         ("body", report.failed_bodies),
-        ("constraint", report.failed_joints),
+        ("joint", report.failed_joints),
         ("attachment", report.failed_attachments),
     ):
         for failure in failures:

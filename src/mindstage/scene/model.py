@@ -159,7 +159,7 @@ class Tag(FrozenStruct, frozen=True, kw_only=True):
     value: str
 
 
-class Material(FrozenStruct, frozen=True, kw_only=True, rename={"color": "colour"}):
+class Material(FrozenStruct, frozen=True, kw_only=True):
     """A named material: the path of an engine asset, and the color that is used without that asset."""
 
     name: str
@@ -176,7 +176,7 @@ class PrimitiveType(StrEnum):
     """Its axis is z."""
 
 
-class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
+class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True):
     """The primitive shape that fills the size of a body; a mesh, where one is found, replaces it."""
 
     type: PrimitiveType = PrimitiveType.BOX
@@ -231,7 +231,7 @@ class SoftLimit(FrozenStruct, frozen=True, kw_only=True):
     """[Ns/m] or [Nms/rad]."""
 
 
-class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit": "soft"}):
+class LinearLimits(FrozenStruct, frozen=True, kw_only=True):
     """The translational limits of a joint along the axes of its frame, relative to the middle of the range.
 
     The middle is the spawn position, unless the range is asymmetric: a drawer that is closed when spawned and opens by
@@ -250,9 +250,7 @@ class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit"
     soft_limit: SoftLimit = SoftLimit()
 
 
-class AngularLimits(
-    FrozenStruct, frozen=True, kw_only=True, rename={"swing_soft_limit": "swing_soft", "twist_soft_limit": "twist_soft"}
-):
+class AngularLimits(FrozenStruct, frozen=True, kw_only=True):
     """The rotational limits of a joint about the axes of its frame, relative to the middle of the range."""
 
     swing1: AxisMotion = AxisMotion.LOCKED
@@ -329,7 +327,7 @@ class LightType(StrEnum):
     DIRECTIONAL = "directional"
 
 
-class Light(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
+class Light(FrozenStruct, frozen=True, kw_only=True):
     """A light source."""
 
     id: BodyId
@@ -343,7 +341,7 @@ class Light(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "co
     facts: tuple[PropertyAssertion, ...] = ()
 
 
-class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constraints"}):
+class World(FrozenStruct, frozen=True, kw_only=True):
     """A complete scene. The order of its parts has no meaning; ids are unique across bodies, joints and lights."""
 
     iri: Iri
@@ -357,7 +355,7 @@ class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constrai
     """The statements about the map itself."""
     resources: tuple[NamedResource, ...] = ()
     """Other resources that the source of the map describes: classes, properties, the ontology that it is part of."""
-    format_version: int = 1
+    format_version: int = 2
 
     def __repr__(self) -> str:
         counts = (counted(len(self.bodies), "body"), counted(len(self.joints), "joint"))

@@ -142,9 +142,7 @@ def _vector(array: Array) -> Vector:
     return x, y, z
 
 
-class JointAxisState(
-    msgspec.Struct, frozen=True, kw_only=True, rename={"is_prismatic": "slides", "lower": "low", "upper": "high"}
-):
+class JointAxisState(msgspec.Struct, frozen=True, kw_only=True):
     """A free or limited axis of a joint."""
 
     name: str

@@ -42,13 +42,13 @@ class FindClassesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     category: Annotated[str, msgspec.Meta(max_length=100)] = ""
 
 
-class ThumbnailRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
+class ThumbnailRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `thumbnail`."""
 
     cls: _ClassName
 
 
-class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
+class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `add`: adds a body of a class."""
 
     cls: _ClassName
@@ -61,7 +61,7 @@ class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename
     size: _Size | None = None
 
 
-class HoverRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
+class HoverRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `hover` and `drop`: a class that is dragged to a point of the view."""
 
     cls: _ClassName

@@ -570,7 +570,7 @@ def _described(robot: Robot) -> dict[str, object]:
                 "name": joint.name,
                 "lower": joint.lower,
                 "upper": joint.upper,
-                "slides": joint.type is RobotJointType.PRISMATIC,
+                "is_prismatic": joint.type is RobotJointType.PRISMATIC,
                 "group": groups.get(joint.name, ""),
             }
             for joint in model.actuated_joints

@@ -3,7 +3,7 @@
 The channel is one websocket per page with small JSON messages:
 
     page → server   {"id": 7, "method": "select", "params": {"id": "Mug"}}
-    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"code": "BodyNotFoundError", "message": "no body …"}}
+    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"code": "BodyNotFoundError", "message": "…"}}
     server → page   {"topic": "clock", "value": …}                                                  (event)
 
 Every request gets a response. Parameters are typed, unknown fields are refused with the path to them. Requests run in
@@ -419,10 +419,10 @@ Handler = Callable[[ClientSession, R], object]
 _log = logging.getLogger(__name__)
 
 
-class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
+class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     id: Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
     method: str
-    arguments: msgspec.Raw = msgspec.Raw(b"{}")
+    params: msgspec.Raw = msgspec.Raw(b"{}")
 
 
 class _Method(msgspec.Struct, frozen=True):
@@ -565,7 +565,7 @@ class RpcChannel:
             try:
                 if len(pending) >= self.limits.max_pending or not rate.try_take(now_s):
                     raise RequestLimitError(request.method, cause="too many requests at once; wait for the responses")
-                method.policy.admit(request.method, len(bytes(request.arguments)), visitor, now_s)
+                method.policy.admit(request.method, len(bytes(request.params)), visitor, now_s)
             except RequestLimitError as error:
                 session.send(_error_message(request.id, error.code, str(error)))
                 continue
@@ -618,7 +618,7 @@ class RpcChannel:
         """Calls the handler of a request, or finishes it; returns the reply, or what to wait for."""
         method = self._methods[request.method]
         try:
-            arguments = msgspec.json.decode(request.arguments, type=method.request_type)
+            arguments = msgspec.json.decode(request.params, type=method.request_type)
         except (msgspec.DecodeError, RecursionError) as error:
             refused = InvalidRequestError(repr(request.method), cause=str(error))
             return _error_message(request.id, "InvalidRequestError", str(refused))
@@ -628,7 +628,7 @@ class RpcChannel:
                 return result if isinstance(result, Later) else encode_json({"id": request.id, "result": result})
         except MindstageError as error:
             return _error_message(
-                request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
+                request.id, error.code, without_paths(str(error), given=bytes(request.params).decode())
             )
         except Exception as error:  # reported to the page and logged
             _log.error("request %r failed", request.method, exc_info=error)

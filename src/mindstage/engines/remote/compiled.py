@@ -132,7 +132,7 @@ def _body_change(model: BodyModel) -> BodyModelDelta:
         gravity=model.gravity,
         mass_kg=model.mass_kg,
         ghost=model.non_colliding,
-        solids=model.collision_shapes,
+        collision_shapes=model.collision_shapes,
         friction=model.friction,
         restitution=model.restitution,
         on_ground=model.on_ground,
@@ -223,7 +223,7 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         )  # the report of the builder covers the others
         request = wire.SpawnWorld.Request(
             world=text,
-            forms=geometry_to_json(usable, mesh=self._export_mesh),
+            geometries=geometry_to_json(usable, mesh=self._export_mesh),
             plan=model_delta_to_json(self._sent_state.diff_to(sent, poses=_poses_from_arrays(moved))),
         )
         remote = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))

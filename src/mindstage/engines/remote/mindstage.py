@@ -216,17 +216,17 @@ class MindstageRemoteEngine(RemoteEngine):
         self._own_meshes |= names
         sent = (msgspec.structs.replace(body, mesh=None) if body.id in names else body for body in world.bodies)
         text, unsent = encode_world(msgspec.structs.replace(world, bodies=tuple(sent)) if names else world)
-        usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
+        usable, notes = encode_geometry(geometry if "geometries" in self._remote_info.takes else NO_GEOMETRY)
         if options.immovable:
             reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
-            notes = (*notes, SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, tuple(sorted(options.immovable)), reason))
+            notes = (*notes, SpawnNote(SpawnNoteKind.UNSTATED, tuple(sorted(options.immovable)), reason))
         if options.excluded_pairs:
             pairs = tuple(sorted({id for pair in options.excluded_pairs for id in pair}))
             notes = (
                 *notes,
-                SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, pairs, f"{self.name} decides which pairs collide"),
+                SpawnNote(SpawnNoteKind.UNSTATED, pairs, f"{self.name} decides which pairs collide"),
             )
-        request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))
+        request = wire.SpawnWorld.Request(world=text, geometries=geometry_to_json(usable, mesh=self._export_mesh))
         report = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         return msgspec.structs.replace(
             report,
@@ -283,7 +283,7 @@ class MindstageRemoteEngine(RemoteEngine):
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         request = wire.Highlight.Request(ids=tuple(ids))
         if color is not None:
-            request = msgspec.structs.replace(request, lit=True, color=color_message(color))
+            request = msgspec.structs.replace(request, highlighted=True, color=color_message(color))
         self._call(wire.Highlight, request)
 
     def highlights(self) -> Mapping[BodyId, Color]:

@@ -233,7 +233,7 @@ def _omission_notes(world: World) -> Iterator[SpawnNote]:
     """Notes on properties that are not sent to Unreal; snapshots still have them."""
     for omission in untranslatable_fields(world):
         yield SpawnNote(
-            SpawnNoteKind.NOT_TRANSFERRED,
+            SpawnNoteKind.UNSTATED,
             tuple(omission.ids),
             f"{omission.field} not sent to Unreal: {omission.text}",
         )
