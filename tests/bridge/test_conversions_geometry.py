@@ -152,7 +152,7 @@ def test_a_model_delta_leaves_out_defaults() -> None:
         bodies={
             CUP: BodyModelDelta(size=(0.1, 0.1, 0.1), top=MUG, hold=TURNED, mobility=Mobility.DYNAMIC, mass_kg=0.3)
         },
-        apart=((CUP, MUG),),
+        excluded_pairs=((CUP, MUG),),
         joints={BodyId("hinge"): JointModelDelta(parent=CUP, child=MUG), BodyId("slide"): None},
         poses={CUP: TURNED},
     )
@@ -161,7 +161,7 @@ def test_a_model_delta_leaves_out_defaults() -> None:
         "bodies": {
             "cup": {"size": [0.1, 0.1, 0.1], "top": "mug", "hold": turned, "mobility": "dynamic", "mass_kg": 0.3}
         },
-        "apart": [["cup", "mug"]],
+        "excluded_pairs": [["cup", "mug"]],
         "joints": {"hinge": {"parent": "cup", "child": "mug"}, "slide": None},
         "poses": {"cup": turned},
     }

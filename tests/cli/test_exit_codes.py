@@ -43,7 +43,7 @@ def test_a_folder_is_not_a_map(run: Run, tmp_path: Path) -> None:
 def test_a_file_that_is_not_xml(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "shopping.owl"
     path.write_text("milk, bread, a sponge", encoding="utf-8")
-    result = run("spawn", path, "--no-viewport")
+    result = run("spawn", path, "--no-viewer")
     assert result.exit_code == 2
     assert "shopping.owl" in error_line(result.stderr)
 
@@ -162,7 +162,7 @@ def _result_of(raised: BaseException) -> tuple[int, str]:
 
 
 def test_ctrl_c_during_a_simulation(write_map: WriteMap) -> None:
-    command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--no-viewport", "--for", "1e9"]
+    command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--no-viewer", "--for", "1e9"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline()  # the report is printed before the simulation starts

@@ -73,7 +73,7 @@ def table(tmp_path: Path) -> Path:
     [
         ("analyze",),
         ("validate",),
-        ("spawn", "--no-viewport", "--engine", "null"),
+        ("spawn", "--no-viewer", "--engine", "null"),
         ("ask", "what_is", "table", "--map"),
     ],
 )

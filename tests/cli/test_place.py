@@ -37,7 +37,7 @@ def test_unplaced_items_have_a_reason_and_exit_1(run: Run, tmp_path: Path) -> No
         + ":lost a knowrob:DinnerPlate ; ms:putOn 'no_such_table' .\n",
         encoding="utf-8",
     )
-    result = run("place", "bundled:kitchen", "--with", items, "--no-viewport", "--json")
+    result = run("place", "bundled:kitchen", "--with", items, "--no-viewer", "--json")
     assert result.exit_code == 1
     reasons = {each["id"]: each["reason"] for each in json_output(result)["unplaced"]}
     assert "and the clearance is" in reasons["ladder"] or "larger than the support surface" in reasons["ladder"]
@@ -73,7 +73,7 @@ def test_an_invalid_list_is_rejected(run: Run, tmp_path: Path) -> None:
 
 def test_items_can_be_given_without_a_file(run: Run) -> None:
     items = ("--with", "CowsMilk", "--with", "DinnerPlate:table")
-    result = run("place", "bundled:kitchen", *items, "--no-viewport", "--json")
+    result = run("place", "bundled:kitchen", *items, "--no-viewer", "--json")
     assert result.exit_code == 0, result.stderr
     assert [(each["id"], each["support_id"]) for each in json_output(result)["placed"]] == [
         ("CowsMilk_1", "fridge"),

@@ -36,7 +36,7 @@ def test_check_says_that_findings_of_severity_error_are_the_reason(write_map: Wr
     assert line.startswith("Identical at delta 0, but: 1 finding of severity error (Mug2: ")
 
 
-@pytest.mark.parametrize("verb", [("spawn", "--no-viewport"), ("log", "--out", "logged.owl")])
+@pytest.mark.parametrize("verb", [("spawn", "--no-viewer"), ("log", "--out", "logged.owl")])
 def test_spawn_and_log_say_why_they_exit_with_1(
     verb: tuple[str, ...], write_map: WriteMap, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -139,7 +139,7 @@ def test_mesh_files_in_the_folder_of_assets_are_not_missing(tmp_path: Path, run:
         (folder / f"cup{at}.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
     cups = [body_turtle(f"cup{at}", f'k:pathToCadModel "package://meshes/cup{at}.dae"') for at in range(3)]
     path.write_text(room_map(*cups), encoding="utf-8")
-    findings = json_output(run("spawn", path, "--no-viewport", "--engine", "null", "--assets", folder, "--json"))
+    findings = json_output(run("spawn", path, "--no-viewer", "--engine", "null", "--assets", folder, "--json"))
     (found,) = findings["findings"]
     assert found["problem"].startswith("1 mesh file is missing, of 1 of 3 bodies, such as package://meshes/cup2.dae")
 
@@ -148,7 +148,7 @@ def test_a_map_of_links_without_a_robot_description_asks_for_it(tmp_path: Path, 
     path = tmp_path / "apartment.ttl"
     links = "\n".join(f':shelf{at} a soma:Shelf ; urdf:hasBaseLinkName "shelf_{at}" .' for at in range(30))
     path.write_text(soma_map(links), encoding="utf-8")
-    for verb in (("validate",), ("spawn", "--no-viewport", "--engine", "null"), ("check", "--engine", "null")):
+    for verb in (("validate",), ("spawn", "--no-viewer", "--engine", "null"), ("check", "--engine", "null")):
         result = run(*verb, path, "--json")
         assert result.exit_code == 1
         errors = [each for each in json_output(result)["findings"] if each["severity"] == "error"]

@@ -389,7 +389,7 @@ def test_stale_records_are_recognized(empty_cache: Path) -> None:
 def test_a_prolog_toplevel_with_a_page_is_found_until_it_ends(empty_cache: Path) -> None:
     command = [sys.executable, "-m", "mindstage", "prolog", "bundled:kitchen", "--engine", "null"]
     process = subprocess.Popen(
-        [*command, "--viewport", "--port", "0"],
+        [*command, "--viewer", "--port", "0"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -27,7 +27,7 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
         "Y",
         "--color",
         "#00ff00",
-        "--colour",
+        "--color",
         "red",
     )
     result = run(*command, "--engine", "null", "--json")

@@ -77,7 +77,7 @@ def test_several_maps_are_validated_together(run: Run, write_map: WriteMap) -> N
 def test_strict_rejects_a_map_with_findings(verb: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     path = write_map(mugs={"Mug1": "1.0 2.0 0.0", "Mug2": None})
     out = tmp_path / "out.owl"
-    more = {"convert": [out], "log": ["-o", out, "--engine", "null"], "spawn": ["--no-viewport", "--engine", "null"]}
+    more = {"convert": [out], "log": ["-o", out, "--engine", "null"], "spawn": ["--no-viewer", "--engine", "null"]}
     result = run(verb, path, *more.get(verb, []), "--strict", "--json")
     assert result.exit_code == 2
     error = json_output(result)["error"]
@@ -120,7 +120,7 @@ def test_invalid_conventions_are_rejected(units: str, message: str, run: Run, wr
 
 @pytest.mark.parametrize("verb", ["spawn", "check"])
 def test_the_extent_and_the_conventions_are_printed(verb: str, run: Run, write_map: WriteMap) -> None:
-    more = ["--no-viewport"] if verb == "spawn" else []
+    more = ["--no-viewer"] if verb == "spawn" else []
     result = run(verb, write_map(), "--engine", "null", *more, "--units", "mm")
     assert "Extent: 0.002 x 0 x 0 m" in result.stdout
     assert "chosen by the user" in result.stdout

@@ -15,7 +15,7 @@ from mindstage.geometry import fit_geometry
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.knowledge.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
 from tests.cli.runner import Run, json_output

@@ -11,7 +11,7 @@ import pytest
 from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, quat_angle, quat_conjugate, quat_rotate
 from tests.engines.contract import current_pose
 

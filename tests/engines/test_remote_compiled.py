@@ -106,7 +106,7 @@ def test_the_sent_model_has_roots_and_excluded_pairs(served: ServedSimulation) -
     assert model["bodies"]["handle"]["hold"]["position"] == pytest.approx([0.3, 0, 0])
     assert model["bodies"]["handle"]["mass_kg"] == pytest.approx(0.02 * 0.2 * 0.02 * 200, abs=0.01)
     assert model["bodies"]["drawer"]["mobility"] == "dynamic"
-    assert ["case", "drawer"] in model["apart"]
+    assert ["case", "drawer"] in model["excluded_pairs"]
     joint = model["joints"]["slide"]
     assert (joint["parent"], joint["child"]) == ("drawer", "case")
     assert joint["of_child"]["position"] == pytest.approx([0.3, 0, 0])

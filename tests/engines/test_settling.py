@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.engines.collision_filter import TOUCH_TOLERANCE_M
+from mindstage.engines.environment_bounds import find_ground_height, find_unsupported
 from mindstage.engines.physics_model import PhysicsModelBuilder
-from mindstage.engines.place import find_ground_height, find_unsupported
 from mindstage.scene import Body, BodyId, CollisionShapeType, GeometryMap, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
 from mindstage.scene.transforms import normalize

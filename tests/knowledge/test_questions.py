@@ -96,7 +96,7 @@ def test_the_fridge_door_and_the_oven_have_one_handle_each(laboratory: Knowledge
 
 
 def test_map_statistics_equal_those_of_the_thesis(laboratory: KnowledgeBase) -> None:
-    (row,) = laboratory.ask("analyse")
+    (row,) = laboratory.ask("analyze")
     assert (row.classes, row.individuals, row.objects, row.constraints, row.relations) == (64, 136, 114, 22, 55)
     assert len(laboratory.ask("everything_in_map")) == 136
 

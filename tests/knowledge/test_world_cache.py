@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.knowledge import KnowledgeBase, bundled_kitchen, world_cache
-from mindstage.knowledge.dialects import registry
+from mindstage.knowledge.dialects import dialect_registry
 from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, UnitConventions
 from mindstage.knowledge.rdf import Finding, Severity
 from mindstage.knowledge.world_cache import WorldCache, WorldReading
@@ -48,13 +48,13 @@ def folder(tmp_path: Path) -> Path:
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[Iri]:
     """The maps that were read, and not taken from the cache."""
     done: list[Iri] = []
-    read = registry.read_world
+    read = dialect_registry.read_world
 
-    def counting(source_map: registry.SourceMap) -> World:
+    def counting(source_map: dialect_registry.SourceMap) -> World:
         done.append(source_map.map)
         return read(source_map)
 
-    monkeypatch.setattr(registry, "read_world", counting)
+    monkeypatch.setattr(dialect_registry, "read_world", counting)
     return done
 
 

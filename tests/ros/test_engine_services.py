@@ -90,7 +90,7 @@ def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
 
 def test_bodies_are_highlighted_in_any_color(engine: Call, simulation: Simulation) -> None:
     color = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
-    assert engine("highlight", ids=["Mug", "Fridge"], lit=True, color=color)["success"]
+    assert engine("highlight", ids=["Mug", "Fridge"], highlighted=True, color=color)["success"]
     assert simulation.state.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
     highlighted = engine("get_highlights")
     assert highlighted["ids"] == ["Mug", "Fridge"]

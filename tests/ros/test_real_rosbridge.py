@@ -122,9 +122,9 @@ PLANS = (
     + """
 import time
 import actionlib
-from mindstage_msgs.msg import TryPlanAction, TryPlanGoal
+from mindstage_msgs.msg import EvaluatePlanAction, EvaluatePlanGoal
 
-client = actionlib.SimpleActionClient(NAMESPACE + "/mindstage/try_plan", TryPlanAction)
+client = actionlib.SimpleActionClient(NAMESPACE + "/mindstage/evaluate_plan", EvaluatePlanAction)
 assert client.wait_for_server(rospy.Duration(20))
 
 def run(cancel, **goal):
@@ -132,7 +132,7 @@ def run(cancel, **goal):
     def on_feedback(feedback):
         done.append(feedback.done)
         heard.set()
-    client.send_goal(TryPlanGoal(**goal), feedback_cb=on_feedback)
+    client.send_goal(EvaluatePlanGoal(**goal), feedback_cb=on_feedback)
     if cancel:
         assert heard.wait(20.0)
         start = time.monotonic()

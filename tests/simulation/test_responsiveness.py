@@ -28,7 +28,7 @@ INVALID_DURATIONS = [-1.0, -1e-300, math.nan, math.inf, 1e308, 3600.5]
 
 
 def simulation_of(engine: Engine) -> Simulation:
-    simulation = Simulation(KnowledgeBase(), engine, shapes=False, timeout_s=TIMEOUT_S)
+    simulation = Simulation(KnowledgeBase(), engine, primitive_shapes=True, timeout_s=TIMEOUT_S)
     simulation.spawn(kitchenette())
     return simulation
 
@@ -76,7 +76,7 @@ def test_a_speed_beyond_the_limit_is_refused_with_its_range(speed: float) -> Non
 @pytest.mark.parametrize("duration_s", INVALID_DURATIONS)
 @pytest.mark.parametrize("threaded", [True, False], ids=["thread", "no thread"])
 def test_a_duration_beyond_the_limit_is_refused_and_no_time_passes(duration_s: float, threaded: bool) -> None:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False, threaded=threaded) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True, threaded=threaded) as sim:
         sim.step(0.5)
         with pytest.raises(InvalidArgumentError, match=r"duration_s.*from 0 to 3600 s"):
             sim.step(duration_s)

@@ -54,7 +54,7 @@ class Adding(Tools):
 
 @pytest.fixture
 def adding() -> Iterator[Adding]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         adding = Adding(sim)
         adding.look((2.0, 0.0, 6.0), (2.0, 0.0, 0.0))
@@ -135,7 +135,7 @@ def test_a_body_is_added_where_the_camera_of_the_page_looks(adding: Adding) -> N
 
 
 def test_a_body_is_added_at_a_point_or_on_a_body(adding: Adding) -> None:
-    there = adding.ask("add", at=(0.5, -1.5, 2.0), size=SIZE, **{"cls": CUP})
+    there = adding.ask("add", position=(0.5, -1.5, 2.0), size=SIZE, **{"cls": CUP})
     assert adding.sim.snapshot().body(BodyId(there)).pose.position == pytest.approx((0.5, -1.5, 2.052))
     blind = adding.ask("add", "none", size=SIZE, **{"cls": CUP})
     assert adding.sim.snapshot().body(BodyId(blind)).pose.position == pytest.approx((0.0, 0.0, 0.052))

@@ -33,7 +33,7 @@ def knowledge() -> KnowledgeBase:
 
 @pytest.fixture
 def simulation(knowledge: KnowledgeBase) -> Iterator[Simulation]:
-    with Simulation(knowledge, NullEngine(), shapes=False) as simulation:
+    with Simulation(knowledge, NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn()
         yield simulation
 

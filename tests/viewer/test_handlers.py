@@ -215,7 +215,7 @@ def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physic
 def test_details_include_storage_places_from_the_ontology() -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Simulation(knowledge, MujocoEngine(), shapes=False, timeout_s=60.0) as simulation:
+    with Simulation(knowledge, MujocoEngine(), primitive_shapes=True, timeout_s=60.0) as simulation:
         simulation.spawn()
         milk = next(body.id for body in simulation.snapshot().bodies if "Milk" in body.cls)
         with Viewer(simulation, port=0) as viewer, connect_page_client(viewer.url) as client:
@@ -356,7 +356,7 @@ def test_classes_are_found_by_a_part_of_the_name_best_match_first(client: PageCl
 
 
 def test_a_body_is_added_and_the_addition_undone(physics_simulation: Simulation, client: PageClient) -> None:
-    id = client.ask("add", **{"cls": f"{KNOWROB}Cup", "at": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
+    id = client.ask("add", **{"cls": f"{KNOWROB}Cup", "position": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
     cup = physics_simulation.snapshot().body(id)
     assert (cup.size, cup.physics.mobility) == ((0.08, 0.08, 0.1), Mobility.DYNAMIC)
     assert cup.pose.position == pytest.approx((0.5, -1.0, 0.052))

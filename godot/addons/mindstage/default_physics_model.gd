@@ -33,7 +33,7 @@ static func plan(world_model: MindstageWorldModel, rows: PackedFloat64Array, kno
 		joints[id] = _joint(world_model, joint_data, rows)
 		if joint_data.get("disable_collision") != false:
 			excluded_pairs.append([joint_data["parent"], joint_data["child"]])
-	return {"bodies": bodies, "joints": joints, "apart": excluded_pairs}
+	return {"bodies": bodies, "joints": joints, "excluded_pairs": excluded_pairs}
 
 
 ## The root body of a body's rigid group.

@@ -65,7 +65,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.colors import COLORS
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.model import FrozenStruct
+from mindstage.scene.world_model import FrozenStruct
 
 __all__ = [
     "FORMAT_VERSION",
@@ -400,9 +400,9 @@ class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):
 
     bodies: dict[BodyId, BodyModelDelta] = msgspec.field(default_factory=dict)
     """New or changed bodies, by id."""
-    apart: tuple[tuple[BodyId, BodyId], ...] = ()
+    excluded_pairs: tuple[tuple[BodyId, BodyId], ...] = ()
     """Pairs of bodies that no longer collide."""
-    together: tuple[tuple[BodyId, BodyId], ...] = ()
+    included_pairs: tuple[tuple[BodyId, BodyId], ...] = ()
     """Pairs of bodies that collide again."""
     joints: dict[BodyId, JointModelDelta | None] = msgspec.field(default_factory=dict)
     """Active joints, by id; None for one that is removed."""

@@ -41,7 +41,7 @@ _MODULES = {
     "record": "record",
     "convert": "maps",
     "place": "place",
-    "imagine": "imagine",
+    "evaluate": "evaluate",
     "do": "do",
     "replay": "replay",
     "ask": "ask",

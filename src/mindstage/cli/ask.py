@@ -35,7 +35,7 @@ from mindstage.cli.options import (
     SinceTime,
     StoreFolder,
     UntilTime,
-    WithViewport,
+    WithViewer,
     options_given,
 )
 from mindstage.cli.output import (
@@ -419,7 +419,7 @@ def ask(
     highlight: ColorOption = None,
     map_name: MapName = None,
     engine: EngineName = "mujoco",
-    with_viewport: WithViewport = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
     seconds: Seconds = None,
     as_json: AsJson = False,
@@ -441,7 +441,7 @@ def ask(
 
     if when or episode or episodes:
         _refuse_highlight(highlight)
-    shown = {"has_page": with_viewport, "port": port, "duration_s": seconds, "quiet": as_json}
+    shown = {"has_page": with_viewer, "port": port, "duration_s": seconds, "quiet": as_json}
     run = _highlight_run(context, highlight, engine, shown)
     with progress_spinner("loading"):
         knowledge = knowledge_with_episodes(
@@ -630,7 +630,7 @@ def _require_highlight(context: typer.Context) -> None:
     """
     from mindstage.errors import InvalidArgumentError
 
-    options = {"map_name": "--map-name", "engine": "--engine", "with_viewport": "--no-viewport"}
+    options = {"map_name": "--map-name", "engine": "--engine", "with_viewer": "--no-viewer"}
     options |= {"port": "--port", "seconds": "--for"}
     for option in options_given(context, options):
         raise InvalidArgumentError(option, cause="it requires --highlight", remedy="give --highlight COLOR too")

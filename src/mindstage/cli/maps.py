@@ -19,7 +19,7 @@ from mindstage.cli.options import (
     MapArguments,
     MapName,
     MapReading,
-    PlainBoxes,
+    PrimitiveShapes,
     Strict,
     Verbose,
 )
@@ -197,7 +197,7 @@ def convert(
     reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -214,7 +214,7 @@ def convert(
             format=kind,
             dialect=chosen if kind.is_map else None,
             assets=() if kind.is_map else asset_folders(assets),
-            plain_shapes=plain_boxes,
+            primitive_shapes=primitive_shapes,
             godot=godot_program(),
         )
     dialect_written = dialect_name(world, knowledge, kind, chosen)

@@ -61,11 +61,9 @@ __all__ = [
     "MapOptions",
     "MapReading",
     "OptionGroup",
-    "PageHost",
-    "PageToken",
     "PictureOptions",
-    "PlainBoxes",
     "Port",
+    "PrimitiveShapes",
     "Running",
     "Seconds",
     "SinceTime",
@@ -76,8 +74,10 @@ __all__ = [
     "UntilTime",
     "VerbCommand",
     "Verbose",
+    "ViewerHost",
+    "ViewerToken",
     "VisitorLimitOptions",
-    "WithViewport",
+    "WithViewer",
     "close_at_end",
     "command",
     "discard_output",
@@ -374,7 +374,7 @@ Ontologies = Annotated[
     ),
 ]
 
-Robots = Annotated[
+UrdfFiles = Annotated[
     list[str] | None,
     typer.Option(
         "--urdf",
@@ -412,14 +412,14 @@ AssetFolders = Annotated[
     ),
 ]
 
-PageHost = Annotated[
+ViewerHost = Annotated[
     str,
     typer.Option(
         "--host", metavar="HOST", help="The address the page listens at; one that is not local needs a token."
     ),
 ]
 
-PageToken = Annotated[
+ViewerToken = Annotated[
     str | None,
     typer.Option(
         "--token",
@@ -460,10 +460,11 @@ VisitorLimitOptions = Annotated[
     ),
 ]
 
-PlainBoxes = Annotated[
+PrimitiveShapes = Annotated[
     bool,
     typer.Option(
-        "--plain-boxes", help="Use only the primitive shape of the map for each body, without meshes and shape rules."
+        "--primitive-shapes",
+        help="Use only the primitive shape of the map for each body, without meshes and shape rules.",
     ),
 ]
 
@@ -518,7 +519,7 @@ class MapReading(OptionGroup):
 
     ontologies: Ontologies = None
     bundled: Bundled = True
-    robots: Robots = None
+    urdf: UrdfFiles = None
     xacro: ExpandXacro = False
     units: UnitNames = None
     frame: FrameNames = None
@@ -580,9 +581,7 @@ Highlights = Annotated[
 ]
 HighlightColors = Annotated[
     list[str] | None,
-    typer.Option(
-        "--color", "--colour", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False
-    ),
+    typer.Option("--color", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False),
 ]
 PictureSize = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
 SecondsBefore = Annotated[WallTime, typer.Option("--for", metavar="SECONDS", help="Simulated time before the picture.")]
@@ -718,7 +717,7 @@ Seconds = Annotated[
     ),
 ]
 
-WithViewport = Annotated[bool, typer.Option(" /--no-viewport", help="Do not serve the page.", show_default=False)]
+WithViewer = Annotated[bool, typer.Option(" /--no-viewer", help="Do not serve the page.", show_default=False)]
 
 Closure = Annotated[
     bool,

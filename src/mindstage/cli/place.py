@@ -20,7 +20,7 @@ from mindstage.cli.options import (
     Seconds,
     Strict,
     Verbose,
-    WithViewport,
+    WithViewer,
 )
 from mindstage.cli.output import (
     Cell,
@@ -79,7 +79,7 @@ def place(
     strict: Strict = False,
     assets: AssetFolders = None,
     engine: EngineName = "mujoco",
-    with_viewport: WithViewport = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
     seconds: Seconds = None,
     verbose: Verbose = False,
@@ -105,7 +105,7 @@ def place(
             print_findings(findings, all=verbose, classes=class_lookup(knowledge))
             print_failures(report)
             _print_report(placement, verbose=verbose)
-        if out is None and with_viewport:
+        if out is None and with_viewer:
             print_and_serve(simulation, output, port=port, duration_s=seconds, as_json=as_json)
         else:
             _finish(simulation, output, placement, out, as_json=as_json)

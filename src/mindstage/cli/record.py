@@ -20,13 +20,13 @@ from mindstage.cli.options import (
     MapArguments,
     MapName,
     MapReading,
-    PageHost,
-    PageToken,
-    PlainBoxes,
     Port,
+    PrimitiveShapes,
     Strict,
     TlsCertificateFile,
     TlsKeyFile,
+    ViewerHost,
+    ViewerToken,
     VisitorLimitOptions,
 )
 from mindstage.cli.output import (
@@ -62,12 +62,12 @@ SimulatedSeconds = Annotated[
     typer.Option(
         "--for",
         metavar="SECONDS",
-        help="Simulate this time as fast as possible; with --viewport, record for this wall time. Otherwise in real "
+        help="Simulate this time as fast as possible; with --viewer, record for this wall time. Otherwise in real "
         "time until Ctrl-C.",
         show_default=False,
     ),
 ]
-ServePage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page while it is recorded.")]
+WithViewer = Annotated[bool, typer.Option("--viewer/--no-viewer", help="Serve the page while it is recorded.")]
 EpisodePath = Annotated[Path, typer.Argument(metavar="FILE", help="An episode (.mcap).", show_default=False)]
 
 
@@ -81,13 +81,13 @@ def record(
     reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     ground: Ground = True,
     engine: EngineName = "mujoco",
-    with_viewport: ServePage = False,
+    with_viewer: WithViewer = False,
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
+    host: ViewerHost = LOOPBACK,
+    token: ViewerToken = None,
     tls_cert: TlsCertificateFile = None,
     tls_key: TlsKeyFile = None,
     limits: VisitorLimitOptions = None,
@@ -106,7 +106,7 @@ def record(
     with (
         as_client("command line", trusted=True),
         spawned_map(
-            maps, map_name, running, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes,
+            maps, map_name, running, reading=reading, strict=strict, assets=assets, primitive_shapes=primitive_shapes,
             ground=ground,
         ) as spawned,
     ):  # fmt: skip
@@ -116,7 +116,7 @@ def record(
         with ExitStack() as ending:
             with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
                 recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
-            if with_viewport:
+            if with_viewer:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json
                 )

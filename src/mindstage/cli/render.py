@@ -23,7 +23,7 @@ from mindstage.cli.options import (
     MapName,
     MapReading,
     PictureOptions,
-    PlainBoxes,
+    PrimitiveShapes,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -150,7 +150,7 @@ def render(
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     engine: EngineName = "mujoco",
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -168,7 +168,7 @@ def render(
     targets = highlight_targets(view.highlights or [], view.colors or [])
     check_renderer()  # before the map is read, so that a missing library fails at once
     with _scene(
-        maps, at, engine=engine, map_name=map_name, reading=reading, assets=assets, plain_boxes=plain_boxes
+        maps, at, engine=engine, map_name=map_name, reading=reading, assets=assets, primitive_shapes=primitive_shapes
     ) as (sim, summary):
         _open(sim, opened or [])
         own = None if robot is None else _add_robot(sim, robot, xacro=reading.expands_xacro)
@@ -295,7 +295,7 @@ class _Shooting:
         Raises:
             InvalidArgumentError: it has none of that name.
         """
-        from mindstage.robots.model import SensorType
+        from mindstage.robots.robot_model import SensorType
 
         robot = self._simulation.robot(self._robot or "")
         kinds = (SensorType.CAMERA, SensorType.DEPTH_CAMERA)
@@ -324,7 +324,7 @@ def _scene(
     map_name: str | None,
     reading: MapReading,
     assets: list[Path] | None,
-    plain_boxes: bool,
+    primitive_shapes: bool,
 ) -> Iterator[tuple[Simulation, dict[str, object]]]:
     """A simulation of the map, or of a moment of an episode, and what JSON has of it.
 
@@ -352,7 +352,10 @@ def _scene(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
+    with (
+        simulation_from_options(knowledge, running, assets=assets, primitive_shapes=primitive_shapes) as sim,
+        exclusive(sim),
+    ):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)

@@ -99,7 +99,7 @@ def exclusive(simulation: Simulation) -> Iterator[None]:
 
 
 def simulation_from_options(
-    knowledge: KnowledgeBase, engine: Engine, *, assets: list[Path] | None = None, plain_boxes: bool = False
+    knowledge: KnowledgeBase, engine: Engine, *, assets: list[Path] | None = None, primitive_shapes: bool = False
 ) -> Simulation:
     """Makes an empty simulation; see `mindstage.api.make_simulation`.
 
@@ -107,13 +107,13 @@ def simulation_from_options(
         knowledge: the knowledge base.
         engine: the engine, which the simulation owns.
         assets: folders of mesh files, in addition to those that the map refers to.
-        plain_boxes: whether each body has only the primitive shape of the map.
+        primitive_shapes: whether each body has only the primitive shape of the map.
 
     Raises:
         SourceParseError: one of the folders does not exist.
     """
-    folders = () if plain_boxes else asset_folders(assets)
-    return make_simulation(knowledge, engine, assets=folders, plain_shapes=plain_boxes)
+    folders = () if primitive_shapes else asset_folders(assets)
+    return make_simulation(knowledge, engine, assets=folders, primitive_shapes=primitive_shapes)
 
 
 def asset_folders(folders: list[Path] | None) -> list[Path]:
@@ -160,7 +160,7 @@ def knowledge_base(
         [_as_file(map) for map in maps],
         ontologies=[*(reading.ontologies or ()), *_ros_packages()],
         bundled_ontology=reading.bundled,
-        robots=reading.robots or (),
+        urdf=reading.urdf or (),
         xacro=reading.expands_xacro,
         conventions=reading.conventions(maps) if conventions is None else conventions,
         store=store,
@@ -205,7 +205,7 @@ def knowledge_with_episodes(
         knowledge.load((), ontologies=[*(reading.ontologies or ()), *_ros_packages()])
         close_at_end(knowledge.close)
         if closure:
-            knowledge.derive()
+            knowledge.materialize()
     else:
         knowledge = knowledge_base(maps, reading, store=store, endpoint=endpoint, closure=closure)
     for each in opened:

@@ -29,7 +29,7 @@ from mindstage.cli.options import (
     MapName,
     MapReading,
     PictureOptions,
-    PlainBoxes,
+    PrimitiveShapes,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -188,10 +188,10 @@ BrowserPath = Annotated[
         show_default=False,
     ),
 ]
-Imagined = Annotated[
+TriedPlan = Annotated[
     str | None,
     typer.Option(
-        "--imagine",
+        "--plan",
         metavar="PLAN",
         help="Try a plan (a JSON or YAML file, or text in braces), and draw where things end in its samples.",
         show_default=False,
@@ -214,12 +214,12 @@ def shot(
     whole_page: WholePage = False,
     panel: Panel = "",
     browser: BrowserPath = None,
-    imagined: Imagined = None,
+    plan: TriedPlan = None,
     timeout_s: Timeout = 180.0,
     map_name: MapName = None,
     reading: MapReading = DEFAULT_READING,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     engine: EngineName = "mujoco",
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -237,19 +237,22 @@ def shot(
         timeout_s=timeout_s,
         **_camera_options(view.position, view.look_at, top=view.top),
     )
-    plan = None if imagined is None else _load_plan(imagined)
+    loaded = None if plan is None else _load_plan(plan)
     targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(engine)
     _check(screenshot, output)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
         world = knowledge.world(map_name)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
+    with (
+        simulation_from_options(knowledge, running, assets=assets, primitive_shapes=primitive_shapes) as sim,
+        exclusive(sim),
+    ):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)
         pull_open(sim, world, opened or [])
         step_with_progress(sim, view.simulated_s)
-        results, verdict = [target.apply(sim) for target in targets], None if plan is None else _try_plan(sim, plan)
+        results, verdict = [target.apply(sim) for target in targets], None if loaded is None else _try_plan(sim, loaded)
         take_picture(sim, screenshot, output, verdict=verdict)
     summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine_name}
     tried = {} if verdict is None else {"verdict": str(verdict)}
@@ -309,10 +312,10 @@ def _load_plan(text: str) -> PlanFile:
 
 
 def _try_plan(simulation: Simulation, plan: PlanFile) -> Verdict:
-    from mindstage.imagination import imagine
+    from mindstage.imagination import evaluate_plan
 
     with progress_spinner("imagining"):
-        return imagine(simulation, plan, width=None)
+        return evaluate_plan(simulation, plan, width=None)
 
 
 def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:

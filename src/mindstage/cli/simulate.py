@@ -27,17 +27,17 @@ from mindstage.cli.options import (
     MapArguments,
     MapName,
     MapReading,
-    PageHost,
-    PageToken,
-    PlainBoxes,
     Port,
+    PrimitiveShapes,
     Seconds,
     Strict,
     TlsCertificateFile,
     TlsKeyFile,
     Verbose,
+    ViewerHost,
+    ViewerToken,
     VisitorLimitOptions,
-    WithViewport,
+    WithViewer,
     close_at_end,
 )
 from mindstage.cli.output import (
@@ -135,7 +135,7 @@ def spawned_map(
     reading: MapReading,
     strict: bool,
     assets: list[Path] | None,
-    plain_boxes: bool,
+    primitive_shapes: bool,
     ground: bool = True,
     in_empty_world: bool = False,
 ) -> Iterator[SpawnedMap]:
@@ -148,14 +148,14 @@ def spawned_map(
         reading: see `knowledge_base`.
         strict: whether a map with findings is rejected.
         assets: see `simulation_from_options`.
-        plain_boxes: see `simulation_from_options`.
+        primitive_shapes: see `simulation_from_options`.
         ground: see `Simulation.spawn`.
         in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
     """
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
         knowledge = knowledge_base(maps, reading)
-        if not plain_boxes:
+        if not primitive_shapes:
             from mindstage.saving import mesh_assets
 
             knowledge.use_meshes(mesh_assets(asset_folders(assets), knowledge).bounds)
@@ -163,7 +163,7 @@ def spawned_map(
     findings = findings_about(world, knowledge, strict=strict, assets=assets)
     with ExitStack() as stack:
         simulation = stack.enter_context(
-            simulation_from_options(knowledge, engine, assets=assets, plain_boxes=plain_boxes)
+            simulation_from_options(knowledge, engine, assets=assets, primitive_shapes=primitive_shapes)
         )
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
@@ -184,13 +184,13 @@ def spawn(
     reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     ground: Ground = True,
     engine: EngineName = "mujoco",
-    with_viewport: WithViewport = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
+    host: ViewerHost = LOOPBACK,
+    token: ViewerToken = None,
     tls_cert: TlsCertificateFile = None,
     tls_key: TlsKeyFile = None,
     limits: VisitorLimitOptions = None,
@@ -211,14 +211,14 @@ def spawn(
         reading=reading,
         strict=strict,
         assets=assets,
-        plain_boxes=plain_boxes,
+        primitive_shapes=primitive_shapes,
         ground=ground,
     ) as spawned:
         output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
         if not as_json:
             spawned.print(verbose=verbose)
-        if with_viewport:
+        if with_viewer:
             print_and_serve(spawned.simulation, output, port=port, access=access, duration_s=seconds, as_json=as_json)
         else:
             _run(spawned.simulation, output, seconds=seconds or 0.0, as_json=as_json)
@@ -230,7 +230,7 @@ def spawn(
 def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, as_json: bool) -> None:
     import msgspec
 
-    from mindstage.engines.place import MOVED_DISTANCE_M
+    from mindstage.engines.environment_bounds import MOVED_DISTANCE_M
 
     with progress_spinner("preparing"):  # compiles the world
         before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
@@ -254,13 +254,13 @@ def _moved_bodies(simulation: Simulation, ids: tuple[BodyId, ...], before: Array
     """The bodies that are not where they were, farthest first."""
     import numpy as np
 
-    from mindstage.engines.place import PlaceBounds, find_moved_bodies
+    from mindstage.engines.environment_bounds import EnvironmentBounds, find_moved_bodies
     from mindstage.scene.bounding_boxes import OrientedBoxes
 
     sizes = {body.id: body.size for world in simulation.worlds for body in world.bodies}
     boxes = OrientedBoxes.from_poses(before, np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids]).reshape(-1, 3))
     _, after = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
-    return find_moved_bodies(ids, before, after, PlaceBounds.from_boxes(boxes))
+    return find_moved_bodies(ids, before, after, EnvironmentBounds.from_boxes(boxes))
 
 
 _MAX_MOVED = 3
@@ -298,7 +298,7 @@ def log(
     reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     ground: Ground = True,
     engine: EngineName = "mujoco",
     seconds: Annotated[
@@ -321,7 +321,7 @@ def log(
         reading=reading,
         strict=strict,
         assets=assets,
-        plain_boxes=plain_boxes,
+        primitive_shapes=primitive_shapes,
         ground=ground,
     ) as spawned:
         written = _write(spawned.simulation, out, seconds=seconds)
@@ -393,7 +393,7 @@ def check(
     reading: MapReading = DEFAULT_READING,
     strict: Strict = False,
     assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
+    primitive_shapes: PrimitiveShapes = False,
     ground: Ground = True,
     engine: EngineName = "mujoco",
     delta: Delta = 0.0,
@@ -416,7 +416,7 @@ def check(
         reading=reading,
         strict=strict,
         assets=assets,
-        plain_boxes=plain_boxes,
+        primitive_shapes=primitive_shapes,
         ground=ground,
         in_empty_world=True,
     ) as spawned:

@@ -14,11 +14,11 @@ import typer
 from mindstage.cli.options import (
     EngineName,
     ExitCode,
-    PageHost,
-    PageToken,
     Port,
     TlsCertificateFile,
     TlsKeyFile,
+    ViewerHost,
+    ViewerToken,
     VisitorLimitOptions,
 )
 from mindstage.cli.output import print_findings, print_json, print_line, print_report, progress_spinner, warn
@@ -150,15 +150,15 @@ def show_page(
         access: who may open the page.
         tour: whether pages offer the tour to new users.
     """
-    viewport = open_viewer(simulation, port=port, access=access)
+    viewer = open_viewer(simulation, port=port, access=access)
     if tour:
-        viewport.offer_tour()
+        viewer.offer_tour()
     try:
-        announce(viewport.url)
+        announce(viewer.url)
         keep_alive(simulation, duration_s=duration_s, quiet=quiet)
     finally:
         with progress_spinner("closing the page"):
-            viewport.close()
+            viewer.close()
 
 
 def print_and_serve(
@@ -220,8 +220,8 @@ def demo(
     *,
     engine: EngineName = "mujoco",
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
+    host: ViewerHost = LOOPBACK,
+    token: ViewerToken = None,
     tls_cert: TlsCertificateFile = None,
     tls_key: TlsKeyFile = None,
     limits: VisitorLimitOptions = None,

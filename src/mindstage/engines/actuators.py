@@ -10,8 +10,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from mindstage.engines.base import Actuator, ActuatorMode
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.engines.kinematic_tree import AXIS_NAMES, is_ball, movable_axes
-from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import BodyNotFoundError, closest_names
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Joint
 

@@ -26,8 +26,8 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.engines.kinematic_tree import coupled_body_poses
-from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 from mindstage.ranges import Finite, ForceVector, Point, checked
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World

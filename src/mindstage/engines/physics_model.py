@@ -27,6 +27,14 @@ from mindstage.engines.collision_filter import (
     compute_collision_filter,
     sorted_pair,
 )
+from mindstage.engines.entity_registry import AddResult, EntityRegistry
+from mindstage.engines.environment_bounds import (
+    MAX_FALL_M,
+    EnvironmentBounds,
+    belongs_to_place,
+    find_ground_height,
+    find_unsupported,
+)
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     KinematicForest,
@@ -38,8 +46,6 @@ from mindstage.engines.kinematic_tree import (
     pose_from_joint_coordinates,
 )
 from mindstage.engines.mass_properties import MassProperties
-from mindstage.engines.place import MAX_FALL_M, PlaceBounds, belongs_to_place, find_ground_height, find_unsupported
-from mindstage.engines.registry import AddResult, EntityRegistry
 from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nested_notes, settle
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import (
@@ -62,7 +68,7 @@ from mindstage.scene.collision_shapes import (
     wall_collision_shapes,
 )
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.kinematics import handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -223,13 +229,13 @@ class PhysicsModelBuilder:
         self.simulated_joints: dict[BodyId, Joint] = {}
         """Joints whose limits are narrower than those of the world, so that doors do not turn into their casing."""
         self.actuators = ActuatorSet()
-        self.apart: set[tuple[BodyId, BodyId]] = set()
+        self.given_excluded_pairs: set[tuple[BodyId, BodyId]] = set()
         """Pairs that a spawn was told to exclude from collision, the lower id first."""
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
         self.settled: dict[BodyId, SettledPose] = {}
         """Bodies that a spawn moved out of others."""
-        self.bounds: PlaceBounds | None = None
+        self.bounds: EnvironmentBounds | None = None
         """Bounds of the bodies when the last world was spawned."""
         self.ground_height_m: float | None = None
         """Height of the ground plane [m]; None if there is none."""
@@ -251,7 +257,7 @@ class PhysicsModelBuilder:
             list(self.late_notes),
         )
         result.simulated_joints, result.actuators = dict(self.simulated_joints), self.actuators.copy()
-        result.apart = set(self.apart)
+        result.given_excluded_pairs = set(self.given_excluded_pairs)
         result._forest, result._changed_bodies, result._collision_state = (
             self._forest,
             set(self._changed_bodies),
@@ -366,7 +372,9 @@ class PhysicsModelBuilder:
         added = self.registry.add(world)
         self.registry.immovable |= options.immovable.intersection(added.bodies)
         bodies = self.registry.bodies
-        self.apart |= {sorted_pair(a, b) for a, b in options.excluded_pairs if a in bodies and b in bodies}
+        self.given_excluded_pairs |= {
+            sorted_pair(a, b) for a, b in options.excluded_pairs if a in bodies and b in bodies
+        }
         invalid_notes = self.mass_properties.add(added.bodies, geometry)
         new_poses = pose_array(self.registry.bodies[id].pose for id in added.bodies)
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
@@ -386,7 +394,7 @@ class PhysicsModelBuilder:
         rows = {id: row for row, id in enumerate(self.registry.ids)} if moved else {}
         for id, pose in moved.items():
             poses[rows[id]] = pose
-        notes += self._hold_crowd(added.bodies)
+        notes += self._fix_non_colliding(added.bodies)
         is_single = not (added.joints or added.attachments or moved)
         place_notes = self._update_place_near(added.bodies, poses, has_ground=options.ground) if is_single else None
         if place_notes is None:
@@ -412,7 +420,7 @@ class PhysicsModelBuilder:
             self.attachment_poses.pop(id, None)
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
         self.simulated_joints = {id: each for id, each in self.simulated_joints.items() if id in self.registry.joints}
-        self.apart = {pair for pair in self.apart if removed.isdisjoint(pair)}
+        self.given_excluded_pairs = {pair for pair in self.given_excluded_pairs if removed.isdisjoint(pair)}
         self.actuators.remove(removed, remaining_joints=self.registry.joints)
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
@@ -447,7 +455,7 @@ class PhysicsModelBuilder:
         self.joint_frames |= {id: before.joint_frames[id] for id in joints}
         self.simulated_joints |= {id: each for id, each in before.simulated_joints.items() if id in joints}
         self.collision_filter.restore(before.collision_filter, restored, existing=self.registry.bodies.keys())
-        self.apart |= {pair for pair in before.apart if restored.intersection(pair)}
+        self.given_excluded_pairs |= {pair for pair in before.given_excluded_pairs if restored.intersection(pair)}
         self.actuators.restore(before.actuators, restored, joints)
         self.settled |= {id: each for id, each in before.settled.items() if id in restored}
         self._below_ground |= before._below_ground & restored
@@ -509,7 +517,7 @@ class PhysicsModelBuilder:
         Pairs within one rigid group are not listed.
         """
         forest = self.forest
-        excluded = self.collision_filter.excluded_pairs | self.apart
+        excluded = self.collision_filter.excluded_pairs | self.given_excluded_pairs
         pairs = {pair for pair in excluded if forest.root_of[pair[0]] != forest.root_of[pair[1]]}
         for first, second in self._jointed_groups():
             for a in forest.groups[first].bodies:
@@ -630,7 +638,7 @@ class PhysicsModelBuilder:
             unit=self._unit_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
             could_collide_before=lambda a, b: (
-                previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.apart
+                previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.given_excluded_pairs
             ),  # pairs that are excluded anyway need no decision
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
@@ -708,7 +716,7 @@ class PhysicsModelBuilder:
             self.settled[ids[row]] = SettledPose(moved[ids[row]], poses[row].copy(), float(np.linalg.norm(shift)))
         return moved
 
-    def _hold_crowd(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
+    def _fix_non_colliding(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
         """Makes loose bodies static that collide with nothing, since they would fall for ever."""
         ignored = [id for id in new_ids if id in self.collision_filter.non_colliding and self.is_loose(id)]
         if not ignored:
@@ -765,7 +773,7 @@ class PhysicsModelBuilder:
         """Updates the bounds of the place, and the ground below it."""
         ids = self.registry.ids
         boxes = self.mass_properties.overlap_boxes(ids, poses)
-        self.bounds = PlaceBounds.from_boxes(boxes)
+        self.bounds = EnvironmentBounds.from_boxes(boxes)
         if not has_ground:
             return []
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)

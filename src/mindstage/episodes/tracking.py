@@ -20,10 +20,10 @@ from mindstage.episodes.recording import EpisodeFrame
 from mindstage.ranges import Fraction, NotNegative, check_fields
 from mindstage.scene import Body, BodyId, Joint, Mobility, World
 from mindstage.scene.bounding_boxes import Indices
-from mindstage.scene.kinematics import RigidGroups, axis_ranges, first_movable_axis, is_robot_part, moving_body
-from mindstage.scene.model import AxisMotion
+from mindstage.scene.joint_kinematics import RigidGroups, axis_ranges, first_movable_axis, is_robot_part, moving_body
 from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_inverse, pose_multiply
+from mindstage.scene.world_model import AxisMotion
 
 __all__ = ["BodyTable", "DetectionThresholds", "JointTable", "MotionSample", "MotionTracker", "lengths"]
 

@@ -30,7 +30,7 @@ from mindstage.episodes.recording import EpisodeEdit, EpisodeEvent, EpisodeFrame
 from mindstage.errors import BodyNotFoundError, EpisodeError, EpisodeTimeError
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Joint, World
 from mindstage.scene.display import counted, short_name
-from mindstage.scene.kinematics import coupled_positions, first_movable_axis, moving_body
+from mindstage.scene.joint_kinematics import coupled_positions, first_movable_axis, moving_body
 from mindstage.scene.transforms import (
     Array,
     normalize,

@@ -16,9 +16,9 @@ from mindstage.geometry.procedural.builder import BodySide, Cutout
 from mindstage.knowledge.shape_rules import ShapeRule
 from mindstage.scene import Body, Iri, World
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, overlapping_pairs
-from mindstage.scene.kinematics import RigidGroups, joint_reach, moving_body
-from mindstage.scene.model import Joint
+from mindstage.scene.joint_kinematics import RigidGroups, joint_reach, moving_body
 from mindstage.scene.transforms import Array, normalize, pose_array, rotation_matrix
+from mindstage.scene.world_model import Joint
 
 __all__ = [
     "MAX_NEIGHBORS",

@@ -15,7 +15,7 @@ import numpy as np
 
 from mindstage.geometry.fit_context import JointView, Neighborhood, SceneContext
 from mindstage.geometry.procedural.builder import BodySide
-from mindstage.scene.kinematics import axis_ranges, joint_reach
+from mindstage.scene.joint_kinematics import axis_ranges, joint_reach
 from mindstage.scene.transforms import Array, normalize, quat_rotate
 
 __all__ = ["CABINET_SHAPES", "CLOSING_SHAPES", "FRONTED_SHAPES", "HANDLE_SHAPES", "Orientation", "OrientationSolver"]

@@ -22,7 +22,15 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
-from mindstage.imagination.verdicts import CauseCount, Progress, Replay, ReplayFrame, Verdict, imagine, wilson_interval
+from mindstage.imagination.verdicts import (
+    CauseCount,
+    Progress,
+    Replay,
+    ReplayFrame,
+    Verdict,
+    evaluate_plan,
+    wilson_interval,
+)
 
 __all__ = [
     "Attach",
@@ -59,7 +67,7 @@ __all__ = [
     "WorkerPoolExecutor",
     "act",
     "dump_plan",
-    "imagine",
+    "evaluate_plan",
     "is_uncertain",
     "load_plan",
     "plan_schema",

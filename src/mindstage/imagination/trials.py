@@ -32,7 +32,7 @@ from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge, Question
 from mindstage.knowledge.rdf import local_name
 from mindstage.scene import Body, BodyId, Iri, Joint
 from mindstage.scene.display import counted
-from mindstage.scene.kinematics import is_robot_part
+from mindstage.scene.joint_kinematics import is_robot_part
 from mindstage.scene.transforms import Array, normalize, pose_inverse, quat_rotate
 from mindstage.simulation import Simulation
 from mindstage.simulation.image import SimulationImage
@@ -179,7 +179,7 @@ def _scene(kb: QuestionContext, present: StateAccess, state: WorldState) -> Imag
             source = f"mujoco, a simulation made from the map {local_name(home)}, since none is running"
             return ImaginedScene(SimulationImage.capture(simulation), home, source)
 
-    return kb.derived(("imagined", home), simulate)
+    return kb.cached(("imagined", home), simulate)
 
 
 @contextmanager
@@ -188,7 +188,7 @@ def physical_simulation(simulation: Simulation) -> Iterator[Simulation]:
     if simulation.engine_name != "null":
         yield simulation
         return
-    with simulation.imagine(threaded=False, physics=True) as copy:
+    with simulation.fork(threaded=False, physics=True) as copy:
         yield copy
 
 

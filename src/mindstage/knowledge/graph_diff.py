@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from mindstage.knowledge.dialects.dialect_registry import detect_dialect
 from mindstage.knowledge.dialects.membership import types_of
-from mindstage.knowledge.dialects.registry import detect_dialect
 from mindstage.knowledge.dialects.soma_nodes import POSE_6D, without_restatements
 from mindstage.knowledge.dialects.source_map import SourceMap
 from mindstage.knowledge.dialects.unit_conversion import (

@@ -82,7 +82,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
                 "is what",
             ),
         ),
-        "analyse": CatalogEntry(
+        "analyze": CatalogEntry(
             "mindstage.knowledge.queries.individuals",
             (
                 "big how is map",
@@ -627,7 +627,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "can_open": CatalogEntry(
-            "mindstage.imagination.front_questions",
+            "mindstage.imagination.articulation_questions",
             (
                 "block what",
                 "can far how open",
@@ -640,7 +640,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "reachable_by_pull": CatalogEntry(
-            "mindstage.imagination.front_questions",
+            "mindstage.imagination.articulation_questions",
             (
                 "at do it open pull",
                 "at do open pull something",
@@ -660,7 +660,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "would_spill": CatalogEntry(
-            "mindstage.imagination.front_questions",
+            "mindstage.imagination.articulation_questions",
             (
                 "can far how i tilt",
                 "can far how robot tilt",
@@ -671,7 +671,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "stays": CatalogEntry(
-            "mindstage.imagination.questions",
+            "mindstage.imagination.trial_questions",
             (
                 "do in remain",
                 "do inside remain",
@@ -703,7 +703,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "fits_now": CatalogEntry(
-            "mindstage.imagination.questions",
+            "mindstage.imagination.trial_questions",
             (
                 "and can fit in stay",
                 "and can fit inside stay",
@@ -750,7 +750,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "would_tip": CatalogEntry(
-            "mindstage.imagination.questions",
+            "mindstage.imagination.trial_questions",
             (
                 "do push tip",
                 "fall i if it push would",
@@ -761,11 +761,11 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "what_if": CatalogEntry(
-            "mindstage.imagination.questions",
+            "mindstage.imagination.trial_questions",
             ("and ask i if what",),
         ),
         "occurs": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "do happen",
                 "do occur",
@@ -774,7 +774,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "holds": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "above how is long",
                 "above is when",
@@ -835,7 +835,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "allen": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "after is",
                 "before is",
@@ -858,7 +858,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "changed": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "changed what",
                 "different is what",
@@ -866,7 +866,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "last_seen": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "do i last see when",
                 "do i last see where",
@@ -879,7 +879,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "trajectory": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "do how move",
                 "do move where",
@@ -888,7 +888,7 @@ CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
             ),
         ),
         "who_moved": CatalogEntry(
-            "mindstage.episodes.questions",
+            "mindstage.episodes.episode_questions",
             (
                 "moved what",
                 "moved who",

@@ -139,9 +139,9 @@ DECLARING_MODULES = (
     "mindstage.knowledge.queries.navigation",
     "mindstage.knowledge.queries.taxonomy",
     "mindstage.knowledge.queries.visibility",
-    "mindstage.imagination.front_questions",
-    "mindstage.imagination.questions",
-    "mindstage.episodes.questions",
+    "mindstage.imagination.articulation_questions",
+    "mindstage.imagination.trial_questions",
+    "mindstage.episodes.episode_questions",
     "mindstage.robots.abilities",
 )
 """The modules that declare questions, in the order in which questions are listed; imported when first needed."""
@@ -191,7 +191,7 @@ class QuestionContext(Protocol):
     def shape_rule(self, cls: Iri) -> ShapeRule:
         """The shape and the typical size of objects of a class."""
 
-    def derived(self, key: object, make: Callable[[], T]) -> T:
+    def cached(self, key: object, make: Callable[[], T]) -> T:
         """A value that depends on the statements only, which is made once and kept until they change."""
 
 

@@ -76,7 +76,7 @@ class StoreManifest(
     bundled_ontology: str | None = None
     """The path of the bundled ontology; None for a knowledge base without it."""
     packages: tuple[str, ...] = ()
-    urdf_files: tuple[str, ...] = ()
+    urdf: tuple[str, ...] = ()
     """The robot descriptions that maps were read with."""
     sources: tuple[SourceRecord, ...] = ()
     conventions: dict[str, UnitConventions] = {}

@@ -617,7 +617,7 @@ not_here([tf_lookup_transform/3, tf_listener_start/0, transform_pose_prolog/4],
          "there is no tf listener in Prolog; is_at/2 gives a pose in the frame of another object").
 not_here([jpl_load_library/0, json_prolog_init/0, ros_init/0],
          "no Java and no ROS node runs in the process; `mindstage serve` serves ROS clients").
-not_here([visualisation_canvas/1, camera_pose/2], "the option `--viewport` shows the world in the browser").
+not_here([visualisation_canvas/1, camera_pose/2], "the option `--viewer` shows the world in the browser").
 not_here([classifier_trained/4, classify_instances/3, best_location_dtree/2],
          "no classifier (Weka) is part of Mindstage; storagePlaceFor/2 answers from the ontology").
 not_here([rdf_wup_similarity/3, best_location_maxMaxWup/2, best_location_maxMaxWup/3],

@@ -28,7 +28,7 @@ likely_storage_place(ItemClass, StorageClass) :- question(storage_place, [ItemCl
 likely_storage_place_in_environment(Map, ItemClass, Individual) :-
     question(storage_place_in_environment, [Map, ItemClass, Individual]).
 analyse_semantic_map(Map, Classes, Individuals, Objects, Constraints, Relations) :-
-    question(analyse, [Map, Classes, Individuals, Objects, Constraints, Relations]).
+    question(analyze, [Map, Classes, Individuals, Objects, Constraints, Relations]).
 % Compares poses, masses and joint limits, as in the thesis. The questions `identical` and `differences` compare everything.
 identical_maps(One, Other) :- identical_maps(One, Other, 0.0).
 identical_maps(One, Other, Tolerance) :- question(identical_maps, [One, Other, Tolerance, _, true, _]).

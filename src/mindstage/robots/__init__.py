@@ -1,5 +1,5 @@
 """Robots: their models, controllers, motion planning and skills."""
 
-from mindstage.robots.model import RobotModel
+from mindstage.robots.robot_model import RobotModel
 
 __all__ = ["RobotModel"]

@@ -8,14 +8,14 @@ from typing import Protocol
 
 from mindstage.errors import CommandRefusedError
 from mindstage.ranges import Coordinate, checked
-from mindstage.robots.model import RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_model import RobotModel
 from mindstage.scene import GeometryMap, Pose, World
 from mindstage.scene.floor_plan import find_floor, free_floor_place
 from mindstage.scene.proximity import BodyBoxes
 
-__all__ = ["RobotStage", "add_standing_robot"]
+__all__ = ["PlacementSession", "add_standing_robot"]
 
 _HEIGHT_M = 2.0
 """A robot does not begin below lower things, such as wall cupboards [m]."""
@@ -23,7 +23,7 @@ _FIXED_RADIUS_M = 0.3
 """Of a robot whose description has no radius [m]."""
 
 
-class RobotStage(Protocol):
+class PlacementSession(Protocol):
     """The part of `Simulation` to which robots are added."""
 
     @property
@@ -39,7 +39,7 @@ class RobotStage(Protocol):
 
 @checked
 def add_standing_robot(
-    stage: RobotStage,
+    session: PlacementSession,
     source: str | os.PathLike[str] | RobotModel,
     place: tuple[Coordinate, Coordinate, Coordinate] | None = None,
     *,
@@ -50,7 +50,7 @@ def add_standing_robot(
     """Adds a robot that stands on the floor.
 
     Args:
-        stage: the simulation.
+        session: the simulation.
         source: the name of a known model, the path of a description, or a model.
         place: x, y [m] and yaw [rad] in the world frame; by default a free place in the middle of the floor, away from
             everything else.
@@ -64,15 +64,15 @@ def add_standing_robot(
         CommandRefusedError: the robot fits nowhere.
     """
     model = source if isinstance(source, RobotModel) else load_model(os.fspath(source), xacro=xacro)
-    world = stage.snapshot()
+    world = session.snapshot()
     if place is not None:
         (x, y, yaw), level = place, find_floor(BodyBoxes.from_bodies(world.bodies))[0]
     else:
         radius = model.base.radius_m or _FIXED_RADIUS_M
-        found = free_floor_place(world, stage.geometry, radius=radius, height=_HEIGHT_M, near=near)
+        found = free_floor_place(world, session.geometry, radius=radius, height=_HEIGHT_M, near=near)
         if found is None:
             cause = f"nowhere on the floor is room for a radius of {radius:.2f} m"
             raise CommandRefusedError(name or model.name, command="to stand", cause=cause, remedy="name a place")
         (x, y, level), yaw = found, 0.0
     pose = Pose((x, y, level), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
-    return stage.add_robot(model, pose, name=name)
+    return session.add_robot(model, pose, name=name)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines import PoseArray
 from mindstage.scene import Body, BodyId, Joint, Mobility, World
-from mindstage.scene.kinematics import joint_reach, moving_body
+from mindstage.scene.joint_kinematics import joint_reach, moving_body
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply
 
 __all__ = [

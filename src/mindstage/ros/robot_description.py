@@ -20,7 +20,7 @@ from mindstage.bridge import Node
 from mindstage.errors import MindstageError
 from mindstage.knowledge.vocabulary import URDF_TEXT
 from mindstage.msgs import RosVersion, std_msgs
-from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.robots.robot_model import RobotJoint, RobotModel
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
 from mindstage.ros.rosapi import ParameterServer
@@ -38,7 +38,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.joint_kinematics import axis_ranges
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client

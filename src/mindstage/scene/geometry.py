@@ -13,7 +13,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
-from mindstage.scene.model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
+from mindstage.scene.world_model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
 
 if TYPE_CHECKING:  # NumPy is not needed to refer to geometry
     from numpy import uint8, uint32

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mindstage.scene.model import Pose, Vector
+from mindstage.scene.world_model import Pose, Vector
 
 __all__ = [
     "GODOT_FROM_ROS",

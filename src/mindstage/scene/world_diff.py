@@ -37,8 +37,8 @@ from mindstage.scene.blank_node_matching import (
     part_name_pairs,
 )
 from mindstage.scene.display import counted, html_table
-from mindstage.scene.model import Body, BodyId, Joint, Light, NamedResource, PropertyAssertion, Tag, World
 from mindstage.scene.transforms import quat_angle
+from mindstage.scene.world_model import Body, BodyId, Joint, Light, NamedResource, PropertyAssertion, Tag, World
 
 __all__ = [
     "BODY_FIELDS",

@@ -17,7 +17,7 @@ from mindstage.engines.base import Engine, PoseArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES, joint_coordinates, movable_axes, pose_from_joint_coordinates
 from mindstage.ranges import Finite, checked
 from mindstage.scene import Body, BodyId, Joint, Pose, Vector, World
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.joint_kinematics import axis_ranges
 from mindstage.scene.transforms import (
     Array,
     normalize,

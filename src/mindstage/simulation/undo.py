@@ -32,7 +32,7 @@ from mindstage.errors import (
 )
 from mindstage.ranges import Index, checked
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, GeometryMap, Joint, Material, Pose, World
-from mindstage.scene.kinematics import handles_by_body, moving_body, outward_joints
+from mindstage.scene.joint_kinematics import handles_by_body, moving_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,

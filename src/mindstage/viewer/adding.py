@@ -56,7 +56,7 @@ class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The body that it is placed on."""
     into: BodyId | None = None
     """The body that it is placed in."""
-    at: tuple[_Meters, _Meters, _Meters] | None = None
+    position: tuple[_Meters, _Meters, _Meters] | None = None
     """Center of its lower side [m], without `on` and `into`; by default near the point that the camera looks at."""
     size: _Size | None = None
 
@@ -141,9 +141,9 @@ class AddHandler:
             placed = self._simulation.place(body, on=request.on, into=request.into)
             self._simulation.undo_stack.record_spawn([placed.id])
             return placed.id
-        if request.at is None and (placed_id := self._add_in_view(session, body)) is not None:
+        if request.position is None and (placed_id := self._add_in_view(session, body)) is not None:
             return placed_id
-        x, y, z = request.at or self._view_center(session)
+        x, y, z = request.position or self._view_center(session)
         height = body.size[2] if body.size else 0.0
         self._spawn(msgspec.structs.replace(body, pose=Pose((x, y, z + height / 2 + _CLEARANCE_M))))
         return body.id

@@ -27,10 +27,10 @@ from mindstage.errors import CommandRefusedError, InvalidArgumentError, Mindstag
 from mindstage.knowledge.names import EntityType
 from mindstage.ranges import Angle, Coordinate
 from mindstage.robots.base_placement import reachable_region
-from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
+from mindstage.robots.robot_model import Arm, RobotJointType
 from mindstage.robots.skills.catalog import SKILLS, start_skill
 from mindstage.robots.skills.declaration import ParameterType, SkillParameter, SkillResult, SkillSpec, SkillStep
 from mindstage.robots.standing import add_standing_robot
@@ -73,7 +73,7 @@ class AddRobotRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     model: _Name
     """A name of the catalog; pages cannot read files of this machine."""
-    at: tuple[Coordinate, Coordinate, Angle] | None = None
+    pose: tuple[Coordinate, Coordinate, Angle] | None = None
     """x, y [m] and yaw [rad]; by default on the free floor nearest to the point that the camera looks at."""
 
 
@@ -430,7 +430,7 @@ class RobotHandler:
             raise InvalidArgumentError(request.model, cause="there is no such model in the catalog", remedy=remedy)
         center = self._view_center(session)
         near = None if center is None else center[:2]
-        robot = add_standing_robot(self._simulation, request.model, request.at, near=near)
+        robot = add_standing_robot(self._simulation, request.model, request.pose, near=near)
         self.publish()
         return robot.name
 

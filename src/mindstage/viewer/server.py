@@ -87,8 +87,8 @@ __all__ = [
     "Handler",
     "HttpRoutes",
     "Later",
-    "PageServer",
     "RpcChannel",
+    "ViewerServer",
     "WebSocket",
     "address",
     "event_message",
@@ -667,7 +667,7 @@ def _session_key(path: str) -> str:
 _output_lock = threading.Lock()
 
 
-class PageServer(viser.ViserServer):
+class ViewerServer(viser.ViserServer):
     """Viser's server with the routes of Mindstage."""
 
     secure = False
@@ -699,8 +699,8 @@ def serve(
     origins: Collection[str] = (),
     tls: TlsCertificate | None = None,
     visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
-) -> PageServer:
-    """Starts a server, which answers 503 until it is opened (`PageServer.open`).
+) -> ViewerServer:
+    """Starts a server, which answers 503 until it is opened (`ViewerServer.open`).
 
     Args:
         host: the address to listen on; any other than a loopback address needs a token.
@@ -722,7 +722,7 @@ def serve(
     routes = HttpRoutes(RequestFilter(gate), channel=channel.serve_session, tls=context)
     free = _free_port(host, port)
     with _without_output(), patched_viser(routes):
-        server = PageServer(host=host, port=free, label=title, verbose=False)
+        server = ViewerServer(host=host, port=free, label=title, verbose=False)
     if not routes.patched:
         shut_down(server)
         raise ViewerUnavailableError(
@@ -753,7 +753,7 @@ def shut_down(server: viser.ViserServer) -> None:
 
 def address(server: viser.ViserServer) -> str:
     """The URL of the page."""
-    scheme = "https" if isinstance(server, PageServer) and server.secure else "http"
+    scheme = "https" if isinstance(server, ViewerServer) and server.secure else "http"
     host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(server.get_host(), server.get_host())
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 

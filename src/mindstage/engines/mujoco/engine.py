@@ -36,6 +36,7 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.entity_registry import EntityRegistry, pose_error
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
 from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
@@ -53,7 +54,6 @@ from mindstage.engines.mujoco.state import (
     wake_islands,
 )
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
-from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
 from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import (
@@ -68,7 +68,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.bounding_boxes import OrientedBoxes
-from mindstage.scene.kinematics import coupled_positions, first_movable_axis
+from mindstage.scene.joint_kinematics import coupled_positions, first_movable_axis
 from mindstage.scene.transforms import (
     Array,
     normalize,

@@ -38,6 +38,7 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.entity_registry import EntityRegistry, pose_error
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.physics_model import (
     BodyModel,
@@ -46,7 +47,6 @@ from mindstage.engines.physics_model import (
     check_joint_limits,
     joint_positions_from_poses,
 )
-from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import ServiceClient
 from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine, encode_geometry, encode_world
 from mindstage.errors import PoseUnreachableError
@@ -111,8 +111,8 @@ class ModelState:
         joints |= {id: joint for id, joint in target.joints.items() if self.joints.get(id) != joint}
         return PhysicsModelDelta(
             bodies={id: body for id, body in target.bodies.items() if self.bodies.get(id) != body},
-            apart=tuple(sorted(target.excluded_pairs - self.excluded_pairs)),
-            together=tuple(
+            excluded_pairs=tuple(sorted(target.excluded_pairs - self.excluded_pairs)),
+            included_pairs=tuple(
                 sorted(pair for pair in self.excluded_pairs - target.excluded_pairs if remaining.issuperset(pair))
             ),
             joints=joints,

@@ -44,7 +44,7 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
-from mindstage.engines.registry import EntityRegistry, pose_error
+from mindstage.engines.entity_registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (
@@ -73,7 +73,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.collision_shapes import compile_geometry
-from mindstage.scene.kinematics import without_lost_masters
+from mindstage.scene.joint_kinematics import without_lost_masters
 
 __all__ = ["MeshExporter", "MindstageRemoteEngine", "encode_geometry", "encode_world"]
 

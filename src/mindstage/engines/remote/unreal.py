@@ -41,7 +41,7 @@ from mindstage.engines.base import (
     SpawnOptions,
     SpawnReport,
 )
-from mindstage.engines.registry import AddResult, EntityRegistry, pose_error
+from mindstage.engines.entity_registry import AddResult, EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (

@@ -16,9 +16,9 @@ from itertools import chain
 import msgspec
 
 from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
+from mindstage.knowledge.dialects.dialect_registry import read_world
 from mindstage.knowledge.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
 from mindstage.knowledge.dialects.membership import individuals_by_map, is_membership
-from mindstage.knowledge.dialects.registry import read_world
 from mindstage.knowledge.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.knowledge.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements
 from mindstage.knowledge.dialects.source_map import SourceMap, ignore_finding

@@ -36,7 +36,7 @@ from mindstage.knowledge.vocabulary import HAS_POSE, THING
 from mindstage.ranges import Count
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas, polygon_overlap_areas
-from mindstage.scene.kinematics import RigidGroups
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.proximity import (
     BodyBoxes,
     Direction,

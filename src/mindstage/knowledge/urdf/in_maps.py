@@ -36,8 +36,8 @@ from mindstage.knowledge.vocabulary import (
 from mindstage.scene import Iri, IriRef
 
 if TYPE_CHECKING:  # few maps refer to robot descriptions, and parsing them needs NumPy
-    from mindstage.knowledge.urdf.model import UrdfRobot
     from mindstage.knowledge.urdf.to_world import UrdfWorld
+    from mindstage.knowledge.urdf.urdf_model import UrdfRobot
 
 __all__ = ["ClassNameIndex", "UrdfSources", "is_urdf", "linked_individuals"]
 

@@ -23,7 +23,7 @@ from mindstage.errors import SourceParseError, XacroRefusedError, without_surrog
 from mindstage.knowledge.dialects.joints import to_vector
 from mindstage.knowledge.io.ros_packages import RosPackagePath
 from mindstage.knowledge.rdf_mapping import properties as codecs
-from mindstage.knowledge.urdf.model import (
+from mindstage.knowledge.urdf.urdf_model import (
     UrdfGeometry,
     UrdfGeometryType,
     UrdfInertial,

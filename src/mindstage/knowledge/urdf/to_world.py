@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from mindstage.knowledge.dialects.joints import JointType, joint_from_axis
 from mindstage.knowledge.rdf import assign_ids, part_name
-from mindstage.knowledge.urdf.model import (
+from mindstage.knowledge.urdf.urdf_model import (
     UrdfGeometry,
     UrdfGeometryType,
     UrdfIssue,

@@ -30,6 +30,7 @@ __all__ = [
     "EpisodeEdit",
     "EpisodeEvent",
     "EpisodeWorld",
+    "EvaluatePlan",
     "Failure",
     "Force",
     "ForgetState",
@@ -65,7 +66,6 @@ __all__ = [
     "SpawnReport",
     "SpawnWorld",
     "Step",
-    "TryPlan",
 ]
 
 
@@ -723,6 +723,67 @@ class Step(base.Service):
         """As in `GetPoses`."""
 
 
+class EvaluatePlan(base.Action):
+    """Tries a plan in copies of the world, which itself stays as it is, and judges it."""
+
+    class Goal(base.Message, frozen=True):
+        plan: base.String = ""
+        """JSON or YAML text."""
+        check: base.String = ""
+        """JSON of a question that is asked at the end, instead of the plan's; may be empty."""
+        uncertainty: base.String = ""
+        """JSON list of standard deviations, added to the plan's; may be empty."""
+        samples: base.Uint32 = 0
+        """0 for 100."""
+        seed: base.Uint64 = 0
+        budget_s: base.Float64 = 0.0
+        """Wall time; 0 for 60."""
+        threshold: base.Float64 = 0.0
+        """The probability that the plan must have; 0 for 0.9."""
+        workers: base.Uint32 = 0
+        """Number of processes; 0 for 1."""
+
+    class Result(base.Message, frozen=True):
+        success: base.Bool = False
+        """Whether there is a verdict, also one that the plan fails."""
+        refusal: Refusal = Refusal()
+        """Why the plan was not tried; `reason` is the place in it."""
+        outcome: base.String = ""
+        """Succeeded, failed or unknown."""
+        probability: base.Float64 = 0.0
+        """-1 if no sample has a known outcome."""
+        lower: base.Float64 = 0.0
+        """95 % interval of the probability."""
+        upper: base.Float64 = 0.0
+        samples: base.Uint32 = 0
+        succeeded: base.Uint32 = 0
+        failed: base.Uint32 = 0
+        unknown: base.Uint32 = 0
+        stopped: base.String = ""
+        """Why there are no more samples."""
+        why: base.String = ""
+        failing_sample: base.Int32 = 0
+        """The first one that failed, or -1."""
+        cause: base.String = ""
+        """The kind of event that broke it: fell, tipped, collided, jammed, left, late, refused, check."""
+        thing: base.String = ""
+        """What that happened to."""
+        other: base.String = ""
+        """What it fell from, collided with or is blocked by."""
+        verdict: base.String = ""
+        """Everything, as JSON."""
+
+    class Feedback(base.Message, frozen=True):
+        done: base.Uint32 = 0
+        samples: base.Uint32 = 0
+        succeeded: base.Uint32 = 0
+        failed: base.Uint32 = 0
+        probability: base.Float64 = 0.0
+        """-1 if no sample has a known outcome."""
+        lower: base.Float64 = 0.0
+        upper: base.Float64 = 0.0
+
+
 class Perform(base.Action):
     """Lets a robot perform a skill, with its steps as feedback."""
 
@@ -799,64 +860,3 @@ class SpawnMap(base.Action):
         phase: base.String = ""
         done: base.Uint32 = 0
         total: base.Uint32 = 0
-
-
-class TryPlan(base.Action):
-    """Tries a plan in copies of the world, which itself stays as it is, and judges it."""
-
-    class Goal(base.Message, frozen=True):
-        plan: base.String = ""
-        """JSON or YAML text."""
-        check: base.String = ""
-        """JSON of a question that is asked at the end, instead of the plan's; may be empty."""
-        uncertainty: base.String = ""
-        """JSON list of standard deviations, added to the plan's; may be empty."""
-        samples: base.Uint32 = 0
-        """0 for 100."""
-        seed: base.Uint64 = 0
-        budget_s: base.Float64 = 0.0
-        """Wall time; 0 for 60."""
-        threshold: base.Float64 = 0.0
-        """The probability that the plan must have; 0 for 0.9."""
-        workers: base.Uint32 = 0
-        """Number of processes; 0 for 1."""
-
-    class Result(base.Message, frozen=True):
-        success: base.Bool = False
-        """Whether there is a verdict, also one that the plan fails."""
-        refusal: Refusal = Refusal()
-        """Why the plan was not tried; `reason` is the place in it."""
-        outcome: base.String = ""
-        """Succeeded, failed or unknown."""
-        probability: base.Float64 = 0.0
-        """-1 if no sample has a known outcome."""
-        lower: base.Float64 = 0.0
-        """95 % interval of the probability."""
-        upper: base.Float64 = 0.0
-        samples: base.Uint32 = 0
-        succeeded: base.Uint32 = 0
-        failed: base.Uint32 = 0
-        unknown: base.Uint32 = 0
-        stopped: base.String = ""
-        """Why there are no more samples."""
-        why: base.String = ""
-        failing_sample: base.Int32 = 0
-        """The first one that failed, or -1."""
-        cause: base.String = ""
-        """The kind of event that broke it: fell, tipped, collided, jammed, left, late, refused, check."""
-        thing: base.String = ""
-        """What that happened to."""
-        other: base.String = ""
-        """What it fell from, collided with or is blocked by."""
-        verdict: base.String = ""
-        """Everything, as JSON."""
-
-    class Feedback(base.Message, frozen=True):
-        done: base.Uint32 = 0
-        samples: base.Uint32 = 0
-        succeeded: base.Uint32 = 0
-        failed: base.Uint32 = 0
-        probability: base.Float64 = 0.0
-        """-1 if no sample has a known outcome."""
-        lower: base.Float64 = 0.0
-        upper: base.Float64 = 0.0

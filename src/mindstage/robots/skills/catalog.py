@@ -31,7 +31,7 @@ from mindstage.robots.skills.declaration import (
     SkillValue,
 )
 from mindstage.robots.skills.doors import close_thing, open_thing
-from mindstage.robots.skills.errands import fetch, put_away
+from mindstage.robots.skills.fetch_and_place import fetch, put_away
 from mindstage.robots.skills.handling import grasp, pick, place, pour, release
 from mindstage.robots.skills.movement import go_to, look_at, park, reach
 from mindstage.robots.skills.task import SkillTask

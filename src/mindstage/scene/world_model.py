@@ -295,7 +295,7 @@ class Joint(FrozenStruct, frozen=True, kw_only=True):
     iri: Iri
     parent: BodyId
     child: BodyId
-    """Parent and child are as in the map; the child may be the heavier body (see `kinematics.moving_body`)."""
+    """Parent and child are as in the map; the child may be the heavier body (see `joint_kinematics.moving_body`)."""
     pose: Pose
     """The joint frame when spawned, in the world frame."""
     linear: LinearLimits = LinearLimits()

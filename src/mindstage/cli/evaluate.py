@@ -1,4 +1,4 @@
-"""The verb `imagine`: tries a plan many times in copies of a world."""
+"""The verb `evaluate`: tries a plan many times in copies of a world."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
     from mindstage.simulation import Simulation
 
-__all__ = ["Budget", "Samples", "Seed", "Uncertainties", "Workers", "deviations_of", "imagine", "interruptible"]
+__all__ = ["Budget", "Samples", "Seed", "Uncertainties", "Workers", "deviations_of", "evaluate", "interruptible"]
 
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
@@ -117,7 +117,7 @@ Picture = Annotated[
 ]
 
 
-def imagine(
+def evaluate(
     plan: PlanArgument,
     maps: MapArguments,
     *,
@@ -141,8 +141,7 @@ def imagine(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 2 if that is unknown."""
-    from mindstage.imagination import imagine as try_plan
-    from mindstage.imagination import load_plan
+    from mindstage.imagination import evaluate_plan, load_plan
     from mindstage.pictures import picture_format
 
     file = load_plan(plan)
@@ -165,7 +164,7 @@ def imagine(
         options: dict[str, Any] = {"check": asked, "uncertainty": deviations, "samples": samples, "seed": seed}
         options |= {"workers": workers, "budget_s": budget, "threshold": threshold, "width": width or None}
         with interruptible() as interrupted, _progress_bar(samples) as progress:
-            verdict = try_plan(simulation, file, **options, progress=progress, cancel=interrupted.is_set)
+            verdict = evaluate_plan(simulation, file, **options, progress=progress, cancel=interrupted.is_set)
         if as_json:
             drawn = {} if picture is None else {"picture": str(picture)}
             print_json({"map": world.iri, "engine": simulation.engine_name, **verdict.to_dict(), **drawn})
