@@ -23,7 +23,7 @@ from benchmarks import REPEATS, Measure
 # No heavy imports: the peak memory of a process includes that of its parent at the fork.
 
 SHARED = Path(os.environ.get("MINDSTAGE_DATA") or Path(__file__).resolve().parents[2] / "shared" / "data")
-BUNDLED = Path(mindstage.__file__).parent / "knowledge" / "bundled"
+BUNDLED = Path(mindstage.__file__).parent / "maps" / "bundled"
 
 LOAD_OURS = """
 import sys, time
@@ -63,7 +63,8 @@ print(time.perf_counter() - start, len(world.bodies) + len(world.joints))
 """
 WRITE = """
 import sys, time
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 knowledge = KnowledgeBase(bundled_ontology=False)
 knowledge.load(sys.argv[1:])
 world = knowledge.world()
@@ -74,7 +75,8 @@ print(time.perf_counter() - start, len(world.bodies) + len(world.joints))
 MULTIPLY = """
 import sys
 from msgspec.structs import replace
-from mindstage.knowledge import KnowledgeBase, save_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import save_map
 from mindstage.scene import Attachment, BodyId, Iri
 small, large, count = sys.argv[1:]
 knowledge = KnowledgeBase(bundled_ontology=False)

@@ -30,8 +30,8 @@ gc.set_threshold(50_000, 20, 50)  # as in the command line
 import pyoxigraph as ox
 from collections import deque
 from mindstage.knowledge import KnowledgeBase, knowledge_base
-from mindstage.knowledge.rdf import graph_from_quads
-from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
+from mindstage.rdf.graphs import graph_from_quads
+from mindstage.maps.rdf_mapping.nested import nest_blank_nodes
 path = sys.argv[1]
 knowledge = KnowledgeBase(bundled_ontology=False)
 """

@@ -12,7 +12,8 @@ import numpy as np
 
 from benchmarks import Measure
 from mindstage.engines import MujocoEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
 
 RUNS = 9

@@ -11,7 +11,8 @@ from shutil import which
 
 from benchmarks import Measure
 from mindstage.engines import NullEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import PrologConsole
 from mindstage.simulation import Simulation
 

@@ -16,7 +16,8 @@ from benchmarks import Measure
 from mindstage.engines import MujocoEngine
 from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE
 from mindstage.errors import RobotNotFoundError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.navigation import plan_base

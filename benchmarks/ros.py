@@ -63,7 +63,7 @@ import sys, time
 from msgspec.structs import replace
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.ros import RosInterface
 knowledge = KnowledgeBase()
 knowledge.load(bundled_kitchen())

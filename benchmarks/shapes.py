@@ -16,7 +16,8 @@ import numpy as np
 from benchmarks import Measure, run
 from mindstage.engines import MujocoEngine, SpawnNoteKind
 from mindstage.geometry.fit import fit_geometry
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
 
 RUNS = 9

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 
 from benchmarks import Measure, median_runs
-from mindstage.knowledge.io.files import bundled_kitchen, bundled_ontology
+from mindstage.maps.io.files import bundled_kitchen, bundled_ontology
 
 # The libraries that `mindstage check` needs.
 _LIBRARIES = "import numpy, scipy.spatial, msgspec, pyoxigraph, mujoco, typer, rich.console, rich.table"

@@ -30,7 +30,7 @@ from websockets.typing import Subprotocol
 
 from benchmarks import Measure, median_runs
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.rendering.appearance import VisiblePart, visuals_to_glb
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
 from mindstage.simulation import StateSnapshot

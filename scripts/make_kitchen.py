@@ -16,7 +16,7 @@ from kitchen.room import build_room
 
 __all__ = ["main"]
 
-KITCHEN = Path(__file__).parents[1] / "src/mindstage/knowledge/bundled/kitchen.owl"
+KITCHEN = Path(__file__).parents[1] / "src/mindstage/maps/bundled/kitchen.owl"
 
 
 def main() -> int:

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import Answers, Question, cell_text, list_questions
 from mindstage.knowledge.sentences import SentencePattern, sentence_patterns
+from mindstage.maps import bundled_kitchen
 
 __all__ = ["main"]
 

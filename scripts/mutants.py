@@ -55,7 +55,7 @@ LISTED = ROOT / "tests" / "mutants.toml"
 PACKAGES = {
     "scene": ["scene"],
     "engines": ["engines/*.py", "engines/mujoco"],
-    "dialects and readers": ["knowledge/dialects", "knowledge/rdf_mapping", "knowledge/urdf", "knowledge/io"],
+    "maps": ["rdf", "maps"],
     "reasoner and questions": ["knowledge/*.py", "knowledge/queries"],
     "protocol": ["bridge", "msgs/*.py"],
     "access": ["access"],
@@ -71,7 +71,7 @@ PACKAGES = {
 }
 """What is mutated by name, as folders or patterns below `SOURCE`."""
 TEST_FOLDERS = [
-    *("scene", "engines", "knowledge", "bridge", "msgs", "access", "geometry", "assets"),
+    *("scene", "engines", "rdf", "maps", "knowledge", "bridge", "msgs", "access", "geometry", "assets"),
     *("imagination", "episodes", "robots", "rendering", "viewer", "ros", "prolog", "simulation", "cli"),
 ]
 EXCLUDED_FILES = ["__init__.py", "godot.py", "godot_process.py"]

@@ -12,7 +12,8 @@ from typing import TypeVar
 
 import mindstage
 from mindstage.engines import MujocoEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import World
 from mindstage.simulation import Simulation
 

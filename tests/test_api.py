@@ -20,7 +20,8 @@ from mindstage.errors import (
     SimulationError,
     SourceParseError,
 )
-from mindstage.knowledge import KnowledgeBase, UnitConventions, save_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import UnitConventions, save_map
 from mindstage.ros import RosInterface
 from mindstage.scene import Iri, World
 from tests.kitchenette import kitchenette

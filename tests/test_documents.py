@@ -21,7 +21,7 @@ import typer
 from typer.testing import CliRunner
 
 from mindstage.cli.app import app
-from mindstage.knowledge import bundled_kitchen, bundled_ontology
+from mindstage.maps import bundled_kitchen, bundled_ontology
 from tests.kitchenette import kitchenette
 from tests.knowledge.sparql_server import SparqlServer
 

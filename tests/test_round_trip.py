@@ -8,7 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from mindstage.engines import MujocoEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import World, diff
 from tests.worlds import worlds
 

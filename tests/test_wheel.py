@@ -36,7 +36,7 @@ def test_the_wheel_contains_every_file_of_the_package(wheel: zipfile.ZipFile) ->
     assert contents - godot == files
     assert {
         "mindstage/py.typed",
-        "mindstage/knowledge/bundled/kitchen.owl",
+        "mindstage/maps/bundled/kitchen.owl",
         "mindstage/msgs/definitions/world_control_msgs/srv/SpawnModel.srv",
         "mindstage/prolog/questions.pl",
         "mindstage/viewer/page/style.css",

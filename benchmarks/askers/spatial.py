@@ -18,9 +18,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from mindstage.engines import NullEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import path, reachable, visible_from
 from mindstage.knowledge.questions import Question, StateAccess, WorldState
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import PrologConsole
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.ray_casting import ShapeScene

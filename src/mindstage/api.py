@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from mindstage.access.certificates import TlsCertificate
     from mindstage.access.limits import VisitorLimits
     from mindstage.engines import Engine
-    from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, UnitConventions
+    from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
+    from mindstage.maps import UnitConventions
     from mindstage.saving import FileDialect, FileFormat
     from mindstage.scene import World, WorldDiff
     from mindstage.simulation import Simulation
@@ -389,7 +390,8 @@ def load_knowledge(
             of conventions differs from the number of maps.
         ReasonerUnavailableError: the extra "closure" is not installed.
     """
-    from mindstage.knowledge import KnowledgeBase, UnitConventions
+    from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps import UnitConventions
 
     if closure and store is not None:
         cause = "it would write derived statements into a store that is shared"
@@ -425,7 +427,7 @@ def _conventions_of(
     Raises:
         InvalidArgumentError: there are several, but not one for each map.
     """
-    from mindstage.knowledge import UnitConventions
+    from mindstage.maps import UnitConventions
 
     if conventions is None or isinstance(conventions, UnitConventions):
         return [conventions or UnitConventions()] * count

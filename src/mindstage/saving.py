@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
     from mindstage.engines.actuators import ActuatedBodies
     from mindstage.geometry import FittedGeometry
-    from mindstage.knowledge import KnowledgeBase, SourceMapView
+    from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps import SourceMapView
     from mindstage.scene import World
 
 __all__ = ["FileDialect", "FileFormat", "dialect_name", "file_format", "mesh_assets", "save_world"]
@@ -179,7 +180,7 @@ def _choice(kind: type[E], name: str) -> E:
 def _save_map(
     world: World, path: Path, format: FileFormat, dialect: FileDialect, knowledge: KnowledgeBase | None
 ) -> tuple[str, ...]:
-    from mindstage.knowledge import MapDialect, MapFormat, save_map
+    from mindstage.maps import MapDialect, MapFormat, save_map
 
     syntax = MapFormat.RDF_XML if format is FileFormat.OWL else MapFormat.TURTLE
     if dialect not in (FileDialect.SAME, FileDialect.GIVEN):
@@ -238,7 +239,7 @@ def _save_scene(
     actuated: Sequence[ActuatedBodies],
 ) -> tuple[str, ...]:
     """Writes a MuJoCo model, a glTF scene or a Godot scene."""
-    from mindstage.knowledge.io.write import save_file
+    from mindstage.maps.io.write import save_file
 
     if format is FileFormat.MJCF:
         from mindstage.engines.mujoco import world_to_mjcf
@@ -270,7 +271,7 @@ def _save_model(path: Path, text: bytes, folder: Path, files: Mapping[str, bytes
         MapWriteError: the folder has other files, or something cannot be written; then nothing is changed.
     """
     from mindstage.files import atomic_file, atomic_folder, atomic_write
-    from mindstage.knowledge.io.write import save_file
+    from mindstage.maps.io.write import save_file
 
     if not files:
         save_file(path, text)
@@ -298,7 +299,7 @@ def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot
     from tempfile import TemporaryDirectory
 
     from mindstage.engines import GodotEngine
-    from mindstage.knowledge.io.write import save_file
+    from mindstage.maps.io.write import save_file
 
     engine = GodotEngine(None if godot is None else Path(godot))
     try:

@@ -20,7 +20,7 @@ from mindstage.access.resources import GrantedFolder, from_outside, require_gran
 from mindstage.bridge import LocalNode
 from mindstage.bridge.conversions import world_to_json
 from mindstage.errors import MindstageError, ResourceRefusedError
-from mindstage.knowledge import write_map
+from mindstage.maps import write_map
 from mindstage.ros import RosInterface
 from mindstage.scene import BodyId, GeometrySource, World
 from mindstage.viewer import Viewer

@@ -8,7 +8,8 @@ import pytest
 
 from mindstage.cli.options import ExitCode
 from mindstage.engines import make_engine
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
 from tests.cli.runner import Run, json_output

@@ -7,8 +7,8 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from mindstage.knowledge import save_map
-from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.maps import save_map
+from mindstage.maps.io.files import BUNDLED_KITCHEN
 from tests.cli.runner import Run, WriteMap, json_output
 from tests.kitchenette import kitchenette
 

@@ -9,7 +9,7 @@ import pytest
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.neem import write_neem
 from mindstage.episodes.semlog import read_semlog
-from mindstage.knowledge import save_map
+from mindstage.maps import save_map
 from tests.cli.runner import Run, json_output
 from tests.episodes.bag_files import Transform, matrix, write_bag
 from tests.episodes.episodes import EVENTS, kitchenette_episode

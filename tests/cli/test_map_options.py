@@ -13,7 +13,7 @@ import typer
 from mindstage import api
 from mindstage.cli.app import app
 from mindstage.cli.options import MapReading
-from mindstage.knowledge import QuaternionOrder, UnitConventions
+from mindstage.maps import QuaternionOrder, UnitConventions
 from mindstage.scene import MECHANICAL_KINDS
 from tests.cli.runner import Run, WriteMap, json_output
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
 TIMEOUT_S = 120.0

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import Finding, Severity
-from mindstage.knowledge.rdf import group_findings, group_name
+from mindstage.rdf import Finding, Severity
+from mindstage.rdf.graphs import group_findings, group_name
 from tests.cli.runner import Run, WriteMap, json_output
-from tests.knowledge.dialect_maps import soma_map
-from tests.knowledge.maps import body_turtle, room_map
+from tests.maps.dialect_maps import soma_map
+from tests.maps.small_maps import body_turtle, room_map
 
 
 def last_line(output: str) -> str:

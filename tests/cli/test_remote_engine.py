@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import connect
-from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.maps.io.files import BUNDLED_KITCHEN
 from tests.cli.runner import Run, WriteMap, json_output
 
 

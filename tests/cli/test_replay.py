@@ -16,7 +16,7 @@ from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.bridge import RosbridgeClient
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.neem import write_neem
-from mindstage.knowledge import write_map
+from mindstage.maps import write_map
 from mindstage.scene import BodyId
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.cli.runner import Run, json_output

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.cli.runner import Run, json_output
-from tests.knowledge.small_urdf import KITCHEN_URDF
+from tests.maps.small_urdf import KITCHEN_URDF
 
 LINKED = """
 @prefix : <http://example.org/linked.owl#> .

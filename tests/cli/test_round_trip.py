@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.maps.io.files import BUNDLED_KITCHEN
 from mindstage.scene import World
 from tests.cli.runner import Run, WriteMap, json_output
 
@@ -62,11 +62,11 @@ def test_check_detects_what_an_engine_loses(run: Run, write_map: WriteMap, monke
 def test_check_detects_what_a_file_loses(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
     import msgspec
 
-    from mindstage import knowledge
+    from mindstage import maps
 
-    save = knowledge.save_map
+    save = maps.save_map
     monkeypatch.setattr(
-        "mindstage.knowledge.save_map",
+        "mindstage.maps.save_map",
         lambda world, path, **more: save(msgspec.structs.replace(world, bodies=world.bodies[1:]), path, **more),
     )
     result = run("check", write_map(), "--engine", "null", "--json")
@@ -77,9 +77,9 @@ def test_check_detects_what_a_file_loses(run: Run, write_map: WriteMap, monkeypa
 
 def test_check_detects_a_lost_statement(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
     """Such as the header of the ontology, which is not part of a world."""
-    from mindstage import knowledge
+    from mindstage import maps
 
-    save = knowledge.save_map
+    save = maps.save_map
 
     def save_lossy(world: World, path: Path, **more: object) -> None:
         save(world, path, **more)  # type: ignore[arg-type]
@@ -87,7 +87,7 @@ def test_check_detects_a_lost_statement(run: Run, write_map: WriteMap, monkeypat
         assert "owl:Ontology" in text
         path.write_text(re.sub("<owl:Ontology.*?/>", "", text), encoding="utf-8")
 
-    monkeypatch.setattr("mindstage.knowledge.save_map", save_lossy)
+    monkeypatch.setattr("mindstage.maps.save_map", save_lossy)
     source = write_map()
     text = source.read_text(encoding="utf-8")
     ontology = '<owl:Ontology rdf:about="http://example.org/room.owl"/></rdf:RDF>'

@@ -17,7 +17,8 @@ from typer.testing import CliRunner
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.cli.app import app
 from mindstage.engines import NullEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import PrologConsole, is_installed
 from mindstage.ros import RosInterface
 from mindstage.ros.queries import QueryServer

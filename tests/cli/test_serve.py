@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import RosbridgeClient
-from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.maps.io.files import BUNDLED_KITCHEN
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.cli.runner import Run, WriteMap
 

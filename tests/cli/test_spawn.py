@@ -12,7 +12,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.maps.io.files import BUNDLED_KITCHEN
 from tests.cli.runner import Run, WriteMap, json_output
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.runner import Run, json_output
-from tests.knowledge.hostile_urdf import hostile_urdf
-from tests.knowledge.small_urdf import box_urdf, link_urdf, robot_urdf
+from tests.maps.hostile_urdf import hostile_urdf
+from tests.maps.small_urdf import box_urdf, link_urdf, robot_urdf
 
 DOUBLED = robot_urdf(link_urdf("base", box_urdf("${2*0.5} 1 1")))
 MAP = "bundled:kitchen"

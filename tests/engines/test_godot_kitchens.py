@@ -12,8 +12,9 @@ import pytest
 
 from mindstage.engines import Engine, GodotEngine, MujocoEngine, SpawnReport
 from mindstage.geometry import fit_geometry
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.io.files import BUNDLED_KITCHEN
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
+from mindstage.maps.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
 from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate

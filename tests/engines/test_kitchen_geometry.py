@@ -11,7 +11,8 @@ import pytest
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
 from mindstage.geometry.fit import fit_geometry
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, Body, BodyId, BodyPhysics, GeometryMap, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.joint_kinematics import joint_reach

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World
 from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, quat_angle, quat_conjugate, quat_rotate

@@ -34,8 +34,8 @@ from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement, gripper
 from tests.engines.fake_unreal import FakeUnrealPlugin
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
-from tests.knowledge.logged_maps import LoggedBody, individual_id, logged_map, yaw
-from tests.knowledge.maps import knowledge_base_from
+from tests.maps.logged_maps import LoggedBody, individual_id, logged_map, yaw
+from tests.maps.small_maps import knowledge_base_from
 
 YAW_30 = (0.9659258262890683, 0.0, 0.0, 0.25881904510252074)
 

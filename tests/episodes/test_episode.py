@@ -15,8 +15,8 @@ from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import Recorder
 from mindstage.errors import EpisodeFileError, EpisodeTimeError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.io.write import save_map, write_map
 from mindstage.knowledge.questions import WorldState
+from mindstage.maps.io.write import save_map, write_map
 from mindstage.scene import BodyId, Material, Pose, World
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette

@@ -12,7 +12,7 @@ from mindstage.episodes import EpisodeEventKind
 from mindstage.episodes.bags import RosBag
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import write_episode
-from mindstage.knowledge import save_map
+from mindstage.maps import save_map
 from mindstage.scene import BodyId
 from tests.episodes.bag_files import JointReading, Transform, matrix, write_bag
 from tests.kitchenette import kitchenette

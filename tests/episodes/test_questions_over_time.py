@@ -22,9 +22,10 @@ from mindstage.episodes import EpisodeFrame, FrameRecording
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.episode_questions import HeldRelation
 from mindstage.errors import EpisodeError, EpisodeTimeError, InvalidArgumentError
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries.spatial import OpenState
 from mindstage.knowledge.questions import Answers, Question, list_questions
+from mindstage.maps import write_map
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.scene.transforms import pose_array

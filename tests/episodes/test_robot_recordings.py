@@ -12,7 +12,8 @@ from mcap_ros2.decoder import DecoderFactory
 from mindstage.engines import MujocoEngine
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recording import EpisodeEventKind
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.robots.robot import Robot
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation

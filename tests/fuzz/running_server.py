@@ -30,11 +30,11 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from mindstage.knowledge.io.files import bundled_kitchen
+from mindstage.maps.io.files import bundled_kitchen
 from mindstage.msgs.message_registry import action_types, message_types, service_types
 from tests.bridge.test_hostile import random_frame
 from tests.conftest import ROOT
-from tests.knowledge.corruption import corrupted
+from tests.maps.corruption import corrupted
 from tests.viewer.page_client import PageClient, RequestFailedError
 
 __all__ = ["RunningServer", "ServerFuzzer"]

@@ -32,7 +32,7 @@ _SAMPLES = Path(os.environ.get("MINDSTAGE_DATA") or ROOT.parent / "shared" / "da
 _PROCESS_INTERVAL = 50
 """Every so many mesh files are imported as a user does it, in the worker process."""
 _MAX_SEED_BYTES = 300_000
-"""Larger samples are left to `tests/knowledge/test_fuzz_files.py`: here an input should take milliseconds."""
+"""Larger samples are left to `tests/maps/test_fuzz_files.py`: here an input should take milliseconds."""
 
 
 class FuzzTarget(ABC):
@@ -72,12 +72,12 @@ class MapFiles(FuzzTarget):
     suffix = ".ttl"
 
     def seeds(self) -> Iterator[bytes]:
-        from tests.knowledge.fuzz_maps import MAPS_BY_DIALECT
+        from tests.maps.fuzz_maps import MAPS_BY_DIALECT
 
         yield from (text.encode() for text in MAPS_BY_DIALECT.values())
 
     def process(self, data: bytes) -> None:
-        from tests.knowledge.fuzz_worker import round_trip
+        from tests.maps.fuzz_worker import round_trip
 
         path = self.folder / f"map{self.suffix}"
         path.write_bytes(data)
@@ -102,12 +102,12 @@ class RobotFiles(FuzzTarget):
     """URDF files as maps."""
 
     def seeds(self) -> Iterator[bytes]:
-        from tests.knowledge.small_urdf import KITCHEN_URDF
+        from tests.maps.small_urdf import KITCHEN_URDF
 
         yield KITCHEN_URDF.encode()
 
     def process(self, data: bytes) -> None:
-        from tests.knowledge.fuzz_worker import round_trip
+        from tests.maps.fuzz_worker import round_trip
 
         path = self.folder / "robot.urdf"
         path.write_bytes(data)

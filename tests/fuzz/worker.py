@@ -24,8 +24,8 @@ from typing import Any, TextIO
 import coverage
 
 from tests.fuzz.targets import TARGETS, FuzzTarget
-from tests.knowledge.corruption import corrupted
-from tests.knowledge.fuzz_worker import SandboxAudit
+from tests.maps.corruption import corrupted
+from tests.maps.fuzz_worker import SandboxAudit
 
 __all__ = ["FuzzLoop"]
 

@@ -12,7 +12,8 @@ from msgspec.structs import replace
 
 from mindstage.geometry.fit import fit_geometry
 from mindstage.geometry.orientation import CLOSING_SHAPES
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import (
     Body,
     BodyGeometry,

@@ -30,7 +30,8 @@ from mindstage.imagination import (
     run_plan,
     validate_plan,
 )
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, Mobility, Pose
 from mindstage.simulation import Simulation, SimulationImage
 from tests.engines.scenes import attachment, body, prismatic_joint

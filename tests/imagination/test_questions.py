@@ -11,8 +11,9 @@ import pytest
 from mindstage.engines import Capability, MujocoEngine, NullEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, PlanError
 from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_from_text
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question, list_questions
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation
 from tests.kitchenette import KNOWROB, MAP, kitchenette

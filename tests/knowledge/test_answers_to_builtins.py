@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import answers_to_builtins
-from mindstage.knowledge.rdf import local_name
-from tests.knowledge.maps import KNOWROB
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
+from tests.maps.small_maps import KNOWROB
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,9 @@ import pytest
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, SourceParseError
 from mindstage.knowledge import AssertionFile, KnowledgeBase
 from mindstage.knowledge.assertion_file import TripleStoreView
-from mindstage.knowledge.rdf import RdfTerm, local_name
+from mindstage.rdf.graphs import RdfTerm, local_name
 from mindstage.scene import Iri
-from tests.knowledge.maps import KNOWROB, OWL, RDFS
+from tests.maps.small_maps import KNOWROB, OWL, RDFS
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 

@@ -15,13 +15,14 @@ import pytest
 from scipy.spatial import ConvexHull, Delaunay
 from scipy.spatial.transform import Rotation
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries import MissingKnowledge, Question, get_question, list_questions
-from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
+from mindstage.maps import bundled_kitchen
+from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.scene import Body, BodyId, Iri, World
-from tests.knowledge.maps import KNOWROB, OWL, RDFS, body_turtle, knowledge_base_from, room_map
+from tests.maps.small_maps import KNOWROB, OWL, RDFS, body_turtle, knowledge_base_from, room_map
 
 TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 FIRST, REST = (f"http://www.w3.org/1999/02/22-rdf-syntax-ns#{name}" for name in ("first", "rest"))

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mindstage.knowledge.reasoner_properties import PropertyHierarchy
-from mindstage.knowledge.taxonomy import TransitiveClosure
+from mindstage.rdf.taxonomy import TransitiveClosure
 from mindstage.scene import Iri
-from tests.knowledge.maps import OWL, RDFS
+from tests.maps.small_maps import OWL, RDFS
 
 NODES = [Iri(f"http://example.org/{letter}") for letter in "abcdef"]
 PROPERTIES = [Iri(f"http://example.org/{letter}") for letter in "pqrs"]

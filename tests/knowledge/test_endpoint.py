@@ -19,14 +19,15 @@ from mindstage.errors import (
     SparqlSyntaxError,
     SparqlTimeoutError,
 )
-from mindstage.knowledge import KnowledgeBase, SparqlEndpoint, bundled_kitchen, bundled_ontology
+from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
 from mindstage.knowledge.queries import list_questions
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import bundled_kitchen, bundled_ontology
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import diff
 from mindstage.scene.world_diff import ChangeKind
-from tests.knowledge.dialect_maps import soma_map
 from tests.knowledge.faulty_server import FaultyServerStarter, start_faulty_server
 from tests.knowledge.sparql_server import SparqlServer
+from tests.maps.dialect_maps import soma_map
 
 __all__ = ["start_faulty_server"]
 

@@ -11,7 +11,8 @@ from msgspec.structs import replace
 
 from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
 from mindstage.errors import EpisodeError, EpisodeTimeError, SparqlSyntaxError
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import pose_array
 from tests.kitchenette import MAP, kitchenette

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import ReferenceRefusedError, SourceParseError
-from mindstage.knowledge import KnowledgeBase, Severity
+from mindstage.knowledge import KnowledgeBase
+from mindstage.rdf import Severity
 from mindstage.scene import Iri
-from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
+from tests.maps.small_maps import body_turtle, knowledge_base_from, room_map
 
 CLASS = "http://example.org/terms#Leaf"
 OWL = "http://www.w3.org/2002/07/owl#"

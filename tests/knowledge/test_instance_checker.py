@@ -6,9 +6,9 @@ import pytest
 
 from mindstage.errors import NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Iri
-from tests.knowledge.maps import ROOM_NAMESPACE, MakeKnowledgeBase, body_turtle, individual
+from tests.maps.small_maps import ROOM_NAMESPACE, MakeKnowledgeBase, body_turtle, individual
 
 
 def members(kb: KnowledgeBase, cls: str) -> list[str]:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.rdf import local_name
-from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
+from tests.maps.small_maps import body_turtle, knowledge_base_from, room_map
 
 
 @pytest.fixture(scope="module")

@@ -10,10 +10,11 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import JointOpenness, OpenState, openings
 from mindstage.knowledge.questions import StateAccess, WorldState
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import AxisMotion, BodyId, Iri, Joint, World
 from mindstage.simulation import Simulation
 from tests.engines.scenes import BASE, attachment, body, prismatic_joint, revolute_joint, world

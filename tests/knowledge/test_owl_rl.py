@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import ReasonerUnavailableError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import list_questions
-from mindstage.knowledge.rdf import local_name
-from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, individual, knowledge_base_from, room_map
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
+from tests.maps.small_maps import ROOM_NAMESPACE, body_turtle, individual, knowledge_base_from, room_map
 
 _SAME = f"SELECT ?other {{ <{ROOM_NAMESPACE}a> owl:sameAs ?other }}"
 

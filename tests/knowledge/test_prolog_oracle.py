@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, bundled_ontology
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen, bundled_ontology
 
 ORACLE = Path(__file__).with_name("oracle.pl")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.knowledge_base import AnswerCache
 from mindstage.knowledge.queries import (
     HandleOf,
@@ -23,9 +23,10 @@ from mindstage.knowledge.queries import (
     question,
     storage_place,
 )
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Iri
-from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
+from tests.maps.small_maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
 
 IAI = "iai-kitchen-original.owl"
 

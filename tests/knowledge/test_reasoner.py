@@ -7,10 +7,10 @@ import pytest
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.explain import expression_text
 from mindstage.knowledge.owl import NamedClass, UnionOf, UnparsedExpression
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_classes import discard_from_group
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Iri
-from tests.knowledge.maps import MakeKnowledgeBase, body_turtle, individual
+from tests.maps.small_maps import MakeKnowledgeBase, body_turtle, individual
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 CONTAINER = "k:typePrimaryFunction-containerFor"

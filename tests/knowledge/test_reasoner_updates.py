@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.knowledge.names import EntityType, NameIndex
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.store_index import IndexFile
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Iri
-from tests.knowledge.maps import OWL, RDFS, knowrob_iri
+from tests.maps.small_maps import OWL, RDFS, knowrob_iri
 
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
 RUNTIME = ox.NamedNode("http://example.org/runtime")

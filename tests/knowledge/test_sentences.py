@@ -13,13 +13,14 @@ from hypothesis import strategies as st
 
 from mindstage import NullEngine, Simulation
 from mindstage.errors import AmbiguousSentenceError, InvalidArgumentError, NameNotFoundError, SentenceNotUnderstoodError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, names, sentences
+from mindstage.knowledge import KnowledgeBase, names, sentences
 from mindstage.knowledge.names import EntityType, name_words
 from mindstage.knowledge.queries import AnswerRow, IndividualName, Question, list_questions
 from mindstage.knowledge.questions import QuestionContext
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.sentences import MAX_LENGTH, SentencePattern, is_sentence, sentence_patterns, understand
-from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, room_map
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
+from tests.maps.small_maps import ROOM_NAMESPACE, body_turtle, room_map
 
 
 @pytest.fixture(scope="module")

@@ -14,14 +14,15 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from mindstage.errors import AmbiguousNameError
-from mindstage.knowledge import KnowledgeBase, MapDialect, bundled_kitchen, save_map
-from mindstage.knowledge.graph_diff import lost_statements
-from mindstage.knowledge.io.files import bundled_ontology, event_ontology, soma_alignment
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import AnswerRow, list_questions
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import MapDialect, bundled_kitchen, save_map
+from mindstage.maps.io.files import bundled_ontology, event_ontology, soma_alignment
+from mindstage.maps.io.graph_diff import lost_statements
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Iri, diff
-from tests.knowledge.dialect_maps import soma_map
-from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
+from tests.maps.dialect_maps import soma_map
+from tests.maps.small_maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
 
 SOMA = "http://www.ease-crc.org/ont/SOMA.owl#"
 DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"

@@ -14,9 +14,10 @@ from typing import Any
 import pytest
 
 from mindstage.errors import NumberRefusedError, SparqlSyntaxError, SparqlTimeoutError, StoreError
-from mindstage.knowledge import KnowledgeBase, RdfTerm, sparql_worker
+from mindstage.knowledge import KnowledgeBase, sparql_worker
 from mindstage.knowledge.store import QueryWorkerPool
-from tests.knowledge.maps import KNOWROB, XSD
+from mindstage.rdf import RdfTerm
+from tests.maps.small_maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
 HOARDING = "SELECT DISTINCT ?a ?d ?g WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i } ORDER BY ?g"

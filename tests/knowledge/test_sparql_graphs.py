@@ -9,9 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.errors import InvalidArgumentError, SparqlSyntaxError
-from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult, bundled_kitchen
-from mindstage.knowledge.rdf import PREFIXES
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sparql_query import SparqlText
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf import RdfTerm, SparqlResult
+from mindstage.rdf.graphs import PREFIXES
 
 COUNT = "SELECT (COUNT(*) AS ?n) {dataset} {{ ?s ?p ?o }}"
 OWL_ONTOLOGY = "<http://www.w3.org/2002/07/owl#Ontology>"

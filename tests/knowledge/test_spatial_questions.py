@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import InvalidArgumentError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import (
     Answers,
     LiquidBasis,
@@ -29,13 +29,14 @@ from mindstage.knowledge.queries import (
     visible_from,
 )
 from mindstage.knowledge.questions import StateAccess, WorldState
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.proximity import Direction
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation
 from tests.engines.scenes import body, world
-from tests.knowledge.maps import body_turtle, knowledge_base_from, room_map
+from tests.maps.small_maps import body_turtle, knowledge_base_from, room_map
 
 MIRRORED = {
     Direction.LEFT: Direction.RIGHT,

@@ -9,18 +9,19 @@ import pyoxigraph as ox
 import pytest
 
 from mindstage.errors import SourceParseError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge import knowledge_base as module
-from mindstage.knowledge.io.sources import SourceRegistry
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries import list_questions
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
+from mindstage.knowledge.sources import SourceRegistry
 from mindstage.knowledge.store import OxigraphStore
-from mindstage.knowledge.vocabulary import TYPE, knowrob
-from tests.knowledge.dialect_maps import soma_map
-from tests.knowledge.maps import body_turtle, room_map
-from tests.knowledge.test_soma import CASE, DOOR, DOOR_JOINT, HANDLE, located
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import TYPE, knowrob
+from tests.maps.dialect_maps import soma_map
+from tests.maps.small_maps import body_turtle, room_map
+from tests.maps.test_soma import CASE, DOOR, DOOR_JOINT, HANDLE, located
 
 ANONYMOUS = """<e:tub> a <http://knowrob.org/kb/knowrob.owl#Bowl> , [ a owl:Restriction ; owl:onProperty <e:holds> ;
     owl:someValuesFrom <e:Water> ] . [] a <e:Puddle> ; <e:holds> <e:tub> . <e:holds> a owl:ObjectProperty .

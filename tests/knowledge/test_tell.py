@@ -7,11 +7,12 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import cell_text
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Literal
-from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
+from tests.maps.small_maps import KNOWROB, ROOM_NAMESPACE, body_turtle, knowledge_base_from, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 

@@ -11,11 +11,12 @@ from threading import Event
 import pytest
 
 from mindstage.engines import NullEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
-from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Iri
 from mindstage.simulation import Simulation
-from tests.knowledge.maps import ROOM_NAMESPACE, body_turtle, room_map
+from tests.maps.small_maps import ROOM_NAMESPACE, body_turtle, room_map
 
 CONTAINER_FOR = "typePrimaryFunction-containerFor"
 ROUNDS = 24

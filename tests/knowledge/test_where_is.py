@@ -9,16 +9,17 @@ import pytest
 
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import answers_to_builtins, cell_text, handle_of, where_is
 from mindstage.knowledge.questions import StateAccess, WorldState
-from mindstage.knowledge.rdf import local_name
+from mindstage.maps import bundled_kitchen
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.simulation import Simulation
 from tests.engines.scenes import body, world
-from tests.knowledge.maps import KNOWROB, ROOM_NAMESPACE, knowledge_base_from, room_map
-from tests.knowledge.maps import body_turtle as individual
+from tests.maps.small_maps import KNOWROB, ROOM_NAMESPACE, knowledge_base_from, room_map
+from tests.maps.small_maps import body_turtle as individual
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, world_cache
-from mindstage.knowledge.dialects import dialect_registry
-from mindstage.knowledge.dialects.conventions import Handedness, LengthUnit, UnitConventions
-from mindstage.knowledge.rdf import Finding, Severity
+from mindstage.knowledge import KnowledgeBase, world_cache
 from mindstage.knowledge.world_cache import WorldCache, WorldReading
+from mindstage.maps import bundled_kitchen
+from mindstage.maps.dialects import dialect_registry
+from mindstage.maps.dialects.conventions import Handedness, LengthUnit, UnitConventions
+from mindstage.rdf.graphs import Finding, Severity
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 
 MAP = """<?xml version="1.0"?>
@@ -184,7 +185,7 @@ def test_a_changed_program_does_not_use_entries_of_the_old_one(
     source = Path(world_cache.__file__).parents[1]
     copy = tmp_path / "mindstage"
     shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__", "bundled", "viewer"))
-    os.utime(copy / "knowledge" / "dialects" / "semlog.py")
+    os.utime(copy / "maps" / "dialects" / "semlog.py")
     monkeypatch.setattr(world_cache, "__file__", str(copy / "knowledge" / "world_cache.py"))
     world_cache._program.cache_clear()
     open_map().world()

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import NullEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import PrologConsole
 from mindstage.simulation import Simulation
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import MujocoEngine, NullEngine
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.prolog import PrologConsole
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette

@@ -10,7 +10,8 @@ import pytest
 from mindstage.engines import make_engine
 from mindstage.episodes.intervals import AllenRelation, Interval, allen_relation
 from mindstage.errors import PrologGoalError
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.prolog import PrologConsole
 from mindstage.simulation import Simulation
 from tests.kitchenette import MAP, kitchenette

@@ -19,8 +19,8 @@ from mindstage.prolog import PrologConsole
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
-from tests.knowledge.dialect_maps import knowrob1_map, perception
-from tests.knowledge.maps import knowledge_base_from
+from tests.maps.dialect_maps import knowrob1_map, perception
+from tests.maps.small_maps import knowledge_base_from
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"

@@ -13,9 +13,10 @@ from hypothesis import strategies as st
 
 from mindstage.engines import NullEngine
 from mindstage.errors import PrologGoalError
-from mindstage.knowledge import KnowledgeBase, RdfTerm, change_feed
+from mindstage.knowledge import KnowledgeBase, change_feed
 from mindstage.knowledge.assertion_file import TripleStoreView
 from mindstage.prolog import PrologConsole
+from mindstage.rdf import RdfTerm
 from mindstage.simulation import Simulation
 
 EXAMPLE = "http://example.org/e#"

@@ -8,7 +8,8 @@ import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.errors import PrologGoalError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import PrologConsole
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.scene.colors import COLORS

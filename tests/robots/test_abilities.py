@@ -14,7 +14,7 @@ import pytest
 from mindstage.errors import RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import StateAccess, get_question
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.robots.abilities import AbilityRow, profile_of_model
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot_model import (

@@ -11,7 +11,8 @@ import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.robots.designators import ACTION_TYPES, DesignatedSkill, read_designator
 from mindstage.robots.skills.catalog import SKILLS
 from mindstage.simulation import Simulation

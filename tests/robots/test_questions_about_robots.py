@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import pytest
 
 from mindstage.engines import MujocoEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import question_names
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
 from mindstage.viewer.inspector import TourHandler

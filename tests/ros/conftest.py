@@ -12,7 +12,8 @@ import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.engines import MujocoEngine
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.msgs import RosVersion
 from mindstage.ros import RosInterface
 from mindstage.scene import Pose

@@ -16,10 +16,10 @@ from msgspec.structs import replace
 
 from mindstage.bridge import LocalNode, RosbridgeClient
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.io.sources import RosPackagePath
-from mindstage.knowledge.urdf.parse import read_urdf
-from mindstage.knowledge.urdf.to_world import rest_pose
-from mindstage.knowledge.urdf.urdf_model import UrdfJointType, UrdfRobot
+from mindstage.knowledge.sources import RosPackagePath
+from mindstage.maps.urdf.parse import read_urdf
+from mindstage.maps.urdf.to_world import rest_pose
+from mindstage.maps.urdf.urdf_model import UrdfJointType, UrdfRobot
 from mindstage.ros import RosInterface
 from mindstage.ros.publishers import joint_state_message
 from mindstage.ros.robot_description import _roll_pitch_yaw, place_description

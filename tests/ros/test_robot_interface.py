@@ -14,8 +14,8 @@ import roslibpy.ros1.actionlib as actionlib
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.io.sources import RosPackagePath
-from mindstage.knowledge.urdf.parse import read_urdf
+from mindstage.knowledge.sources import RosPackagePath
+from mindstage.maps.urdf.parse import read_urdf
 from mindstage.robots import robot as robot_module
 from mindstage.robots.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model

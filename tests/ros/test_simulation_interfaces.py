@@ -10,12 +10,13 @@ import pytest
 
 from mindstage.bridge import LocalNode
 from mindstage.errors import SourceParseError
-from mindstage.knowledge import KnowledgeBase, save_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import save_map
 from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S
 from tests.kitchenette import kitchenette
-from tests.knowledge.hostile_urdf import HOSTILE, hostile_urdf
+from tests.maps.hostile_urdf import HOSTILE, hostile_urdf
 from tests.ros.ros_messages import TURNED, Call, pose_message, position_of
 
 UNSUPPORTED, OK, NOT_FOUND, INCORRECT_STATE, FAILED = range(5)

@@ -9,7 +9,7 @@ import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, HistoryChangedError, InvalidArgumentError
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
 from tests.kitchenette import kitchenette

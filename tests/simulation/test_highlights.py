@@ -11,8 +11,9 @@ from msgspec.structs import replace
 
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import BodyNotFoundError, InvalidColorError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen, save_map
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import WorldState
+from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import BodyId
 from mindstage.scene.colors import COLORS
 from mindstage.simulation import HighlightGroup, Simulation, UnhighlightedItem

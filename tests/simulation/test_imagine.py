@@ -15,7 +15,8 @@ from msgspec.structs import replace
 import mindstage as ms
 from mindstage.engines import Capability, Engine, GodotEngine, MujocoEngine, NullEngine
 from mindstage.errors import BodyNotFoundError, CommitError, ImaginationError, SimulationError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, diff
 from mindstage.simulation import Simulation, SimulationImage
 from mindstage.simulation.imagined import match_world

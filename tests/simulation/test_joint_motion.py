@@ -15,7 +15,7 @@ import mindstage as ms
 from mindstage.engines import Engine, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import (
     AngularLimits,
     Attachment,

@@ -12,7 +12,8 @@ import trimesh
 from mindstage.assets import MeshLibrary
 from mindstage.engines import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation import Simulation
 from mindstage.simulation.placement_list import load_items, place_items

@@ -10,12 +10,13 @@ import pytest
 
 from mindstage import NullEngine, Simulation
 from mindstage.errors import InvalidArgumentError, SparqlSyntaxError
-from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.endpoint import SparqlEndpoint
 from mindstage.knowledge.queries import pose_of, what_is
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, Iri, Pose, World
-from tests.knowledge.dialect_maps import soma_map
-from tests.knowledge.test_soma import located
+from tests.maps.dialect_maps import soma_map
+from tests.maps.test_soma import located
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 MILK, FRIDGE_HINGE = BodyId("milk_carton_1"), BodyId("fridge_door_hinge")

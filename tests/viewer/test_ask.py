@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.knowledge import bundled_kitchen
 from mindstage.knowledge.queries import list_questions
+from mindstage.maps import bundled_kitchen
 from mindstage.prolog import is_installed, solve_query
 from mindstage.simulation.question_pool import QuestionPool
 from mindstage.viewer.ask import AskHandler

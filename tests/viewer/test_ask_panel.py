@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.simulation import ConnectedClient
 from mindstage.viewer import Viewer
 from tests.viewer.fake_page import FakePage

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.viewer import Viewer
 from tests.viewer.waiting import TIMEOUT_S, wait_until
 

@@ -20,11 +20,11 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
-from mindstage.knowledge import bundled_kitchen, write_map
+from mindstage.maps import bundled_kitchen, write_map
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World, diff
 from mindstage.viewer import Viewer
 from tests.kitchenette import KNOWROB, kitchenette
-from tests.knowledge.hostile_urdf import HOSTILE, hostile_urdf
+from tests.maps.hostile_urdf import HOSTILE, hostile_urdf
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.knowledge import save_map
+from mindstage.maps import save_map
 from mindstage.scene import Color
 from mindstage.scene.colors import COLORS
 from mindstage.viewer import Viewer

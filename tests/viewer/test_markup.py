@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
 from mindstage.episodes.replay import EpisodeReplay
-from mindstage.knowledge import MapFormat, write_map
+from mindstage.maps import MapFormat, write_map
 from mindstage.scene import BodyId, Iri, Literal, Pose, PropertyAssertion, Tag, World
 from mindstage.simulation import ConnectedClient
 from mindstage.viewer import Viewer

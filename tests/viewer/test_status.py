@@ -19,7 +19,7 @@ from mindstage.engines import (
     SpawnReport,
 )
 from mindstage.engines.base import SpawnFailure
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Iri
 from mindstage.simulation import ConnectedClient
 from mindstage.viewer.inspector import StatusHandler

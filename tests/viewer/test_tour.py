@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
-from mindstage.knowledge import bundled_kitchen
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, Vector
 from mindstage.viewer import Viewer
 from tests.conftest import ROOT

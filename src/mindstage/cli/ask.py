@@ -61,8 +61,9 @@ from mindstage.errors import without_surrogates
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
-    from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
+    from mindstage.knowledge import KnowledgeBase
     from mindstage.knowledge.queries import Answers, Question
+    from mindstage.rdf import RdfTerm, SparqlResult
     from mindstage.scene import Color
     from mindstage.simulation import HighlightResult
 
@@ -247,7 +248,7 @@ def _query_running(target: str, query: str, *, at: float | None, timeout_s: floa
     """Runs a SPARQL query in a running simulation."""
     import msgspec
 
-    from mindstage.knowledge import SparqlResult
+    from mindstage.rdf import SparqlResult
 
     with progress_spinner("querying"), open_running(target) as simulation:
         args = "{}" if at is None else msgspec.json.encode({"at": at}).decode()

@@ -42,7 +42,9 @@ from mindstage.cli.setup import asset_folders, findings_about, godot_program, kn
 from mindstage.saving import FileDialect, FileFormat, dialect_name, file_format, save_world
 
 if TYPE_CHECKING:
-    from mindstage.knowledge import Finding, KnowledgeBase, UnitConventions
+    from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps import UnitConventions
+    from mindstage.rdf import Finding
     from mindstage.scene import World
 
 __all__ = ["analyze", "compare", "convert", "validate"]

@@ -37,7 +37,7 @@ from mindstage.ranges import Port as PortNumber
 if TYPE_CHECKING:
     from enum import Enum
 
-    from mindstage.knowledge import UnitConventions
+    from mindstage.maps import UnitConventions
 
 __all__ = [
     "DEFAULT_PICTURE",
@@ -539,7 +539,7 @@ class MapReading(OptionGroup):
         """
         from msgspec.structs import fields as struct_fields
 
-        from mindstage.knowledge import UnitConventions
+        from mindstage.maps import UnitConventions
 
         kinds = {field.name: get_args(field.type)[0] for field in struct_fields(UnitConventions)}
         given = {name: _by_map(f"--{name}", getattr(self, name), maps, kind) for name, kind in kinds.items()}

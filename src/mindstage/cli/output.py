@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from mindstage.engines import SpawnNote, SpawnReport
-    from mindstage.knowledge import Assumption, Finding, KnowledgeBase
-    from mindstage.knowledge.rdf import FindingGroup
+    from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps import Assumption
+    from mindstage.rdf import Finding
+    from mindstage.rdf.graphs import FindingGroup
     from mindstage.scene import Statement, World, WorldDiff
     from mindstage.simulation import Simulation
 
@@ -248,7 +250,7 @@ def print_findings(
         all: whether to print each finding, without a limit.
         classes: returns the name of an individual's class, or None.
     """
-    from mindstage.knowledge.rdf import group_findings
+    from mindstage.rdf.graphs import group_findings
 
     lines: list[tuple[str, int]] = []
     for group in group_findings(findings):
@@ -290,7 +292,7 @@ def class_lookup(knowledge: KnowledgeBase) -> Callable[[str], str | None]:
 
 def findings_json(findings: Iterable[Finding]) -> list[dict[str, object]]:
     """The findings as JSON objects; like findings have the same `group`."""
-    from mindstage.knowledge.rdf import findings_to_builtins
+    from mindstage.rdf.graphs import findings_to_builtins
 
     return findings_to_builtins(findings)
 
@@ -374,7 +376,7 @@ def print_import_summary(world: World, knowledge: KnowledgeBase, *, verbose: boo
 
 def _is_default(assumption: Assumption) -> bool:
     """Whether an assumption is the convention of Mindstage itself, and was not given by an option."""
-    from mindstage.knowledge.dialects.conventions import SI
+    from mindstage.maps.dialects.conventions import SI
 
     default = getattr(SI, assumption.topic, None)
     return default is not None and default.value == assumption.value and not assumption.overridden
@@ -401,7 +403,7 @@ class Shortcoming:
 
 def shortcomings(report: SpawnReport, findings: Iterable[Finding]) -> list[Shortcoming]:
     """Why a world is incomplete: what was not read, was not spawned, or did not stay; empty if it is complete."""
-    from mindstage.knowledge import Severity
+    from mindstage.rdf import Severity
 
     found: list[Shortcoming] = []
     errors = [finding for finding in findings if finding.severity is Severity.ERROR]

@@ -124,7 +124,7 @@ def _finish(
     simulation: Simulation, output: dict[str, object], placement: PlacementReport, out: Path | None, *, as_json: bool
 ) -> None:
     """Writes the world, if requested, and prints the output."""
-    from mindstage.knowledge import save_map
+    from mindstage.maps import save_map
 
     if out is not None:
         with progress_spinner("writing"):

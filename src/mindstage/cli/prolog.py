@@ -38,8 +38,8 @@ from mindstage.cli.viewer import open_viewer
 from mindstage.ranges import Count
 
 if TYPE_CHECKING:
-    from mindstage.knowledge import Finding
     from mindstage.prolog import PrologConsole, Solutions
+    from mindstage.rdf import Finding
     from mindstage.simulation import Simulation
 
 __all__ = ["prolog"]

@@ -30,7 +30,9 @@ from mindstage.files import atomic_write, cache_dir
 if TYPE_CHECKING:
     from mindstage.engines import Engine
     from mindstage.episodes.history import EpisodeHistory
-    from mindstage.knowledge import Finding, KnowledgeBase, SparqlEndpoint, UnitConventions
+    from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
+    from mindstage.maps import UnitConventions
+    from mindstage.rdf import Finding
     from mindstage.scene import World
     from mindstage.simulation import Simulation
 
@@ -273,7 +275,7 @@ def findings_about(
         MapRejectedError: with `strict`, if there are findings.
         SourceParseError: one of the folders does not exist.
     """
-    from mindstage.knowledge import Finding, Severity
+    from mindstage.rdf import Finding, Severity
 
     findings = knowledge.findings()
     if (missing := _missing_meshes(world, knowledge, asset_folders(assets))) is not None:
@@ -289,8 +291,8 @@ def findings_about(
 def _missing_meshes(world: World, knowledge: KnowledgeBase, folders: Sequence[Path]) -> Finding | None:
     """One finding about all mesh files that a map names and that were not found; None if there is none."""
     from mindstage.assets.library import MeshIndex
-    from mindstage.knowledge import Finding, Severity
-    from mindstage.knowledge.rdf_mapping.properties import MESH
+    from mindstage.maps.rdf_mapping.properties import MESH
+    from mindstage.rdf import Finding, Severity
 
     named = [body for body in world.bodies if body.mesh]
     if not named:

@@ -82,7 +82,9 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.engines import Engine, SpawnReport
     from mindstage.engines.base import MovedBody
-    from mindstage.knowledge import Finding, KnowledgeBase, SourceMapView
+    from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps import SourceMapView
+    from mindstage.rdf import Finding
     from mindstage.scene import Body, BodyId, Joint, Light, Statement, World, WorldDiff
     from mindstage.scene.transforms import Array
     from mindstage.simulation import Simulation
@@ -359,7 +361,7 @@ def _log_remote(engine: Engine, out: Path, *, seconds: float, as_json: bool) -> 
 
 def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, object]:
     """Simulates, writes the world, and returns a summary of what was written."""
-    from mindstage.knowledge import save_map
+    from mindstage.maps import save_map
 
     step_with_progress(simulation, seconds)
     with progress_spinner("logging"):
@@ -470,7 +472,7 @@ def _verdict(*, identical: bool, reasons: Sequence[Shortcoming]) -> str:
 
 
 def _file_round_trip(name: str, world: World, origin: SourceMapView, reading: MapReading) -> KnowledgeBase:
-    from mindstage.knowledge import save_map
+    from mindstage.maps import save_map
 
     with TemporaryDirectory(prefix="mindstage-") as folder:
         path = Path(folder, name)
@@ -483,7 +485,7 @@ def _compare_round_trip(
     world: World, logged: World, written: KnowledgeBase, origin: SourceMapView, delta: float
 ) -> tuple[WorldDiff, WorldDiff, tuple[Statement, ...]]:
     """The differences caused by the engine, those after reading the file, and the statements that the file lacks."""
-    from mindstage.knowledge import lost_statements
+    from mindstage.maps import lost_statements
     from mindstage.scene import diff
 
     by_engine, found = diff(world, logged), diff(world, written.world(world.iri))

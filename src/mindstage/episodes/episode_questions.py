@@ -28,9 +28,9 @@ from mindstage.knowledge.questions import (
     StateAccess,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import EVENT, TYPE, ms
 from mindstage.ranges import Time
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import EVENT, TYPE, ms
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array

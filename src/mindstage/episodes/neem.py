@@ -31,12 +31,12 @@ from mindstage.episodes.transform_recording import TransformLog, TransformRecord
 from mindstage.errors import EpisodeFileError, KnowledgeError, MapWriteError, without_surrogates
 from mindstage.files import atomic_folder, atomic_write
 from mindstage.knowledge.event_graph import CONCEPT_ROLES, EVENT_PATTERNS
-from mindstage.knowledge.io.files import read_statements
-from mindstage.knowledge.io.write import save_map, save_statements
 from mindstage.knowledge.knowledge_base import KnowledgeBase
-from mindstage.knowledge.rdf import Graph, local_name
-from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
-from mindstage.knowledge.vocabulary import (
+from mindstage.maps.dialects.serialize import DocumentSection, SubjectBlock
+from mindstage.maps.io.files import read_statements
+from mindstage.maps.io.write import save_map, save_statements
+from mindstage.rdf.graphs import Graph, local_name
+from mindstage.rdf.vocabulary import (
     IMPORTS,
     LABEL,
     NAMED_INDIVIDUAL,

@@ -41,7 +41,7 @@ from mindstage.episodes.recording import (
 from mindstage.episodes.structure import WorldStructure
 from mindstage.errors import EpisodeError, EpisodeFileError, MapWriteError, MindstageError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.io.write import write_map
+from mindstage.maps.io.write import write_map
 from mindstage.ranges import Frequency, checked
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
 from mindstage.simulation.observation import SKILL_EDIT, as_client

@@ -43,7 +43,8 @@ from mindstage.errors import (
     UnsupportedByEngineError,
 )
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.ranges import Finite, ForceVector, Point, Time, checked
 from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
 from mindstage.simulation.imagined import copied_engine

@@ -21,11 +21,11 @@ import msgspec
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Recording
 from mindstage.episodes.transform_recording import listed
 from mindstage.errors import EpisodeFileError, KnowledgeError, without_surrogates
-from mindstage.knowledge.io.files import read_statements
-from mindstage.knowledge.io.write import save_statements
-from mindstage.knowledge.rdf import Graph, local_name
-from mindstage.knowledge.rdf_mapping.serialize import DocumentSection, SubjectBlock
-from mindstage.knowledge.vocabulary import (
+from mindstage.maps.dialects.serialize import DocumentSection, SubjectBlock
+from mindstage.maps.io.files import read_statements
+from mindstage.maps.io.write import save_statements
+from mindstage.rdf.graphs import Graph, local_name
+from mindstage.rdf.vocabulary import (
     NAMED_INDIVIDUAL,
     OBJECT_ACTED_ON,
     ONTOLOGY,

@@ -42,9 +42,9 @@ from mindstage.knowledge.questions import (
     StateAccess,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import CHILD, THING
 from mindstage.ranges import Fraction, Seed
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import CHILD, THING
 from mindstage.scene import Body, BodyId, Iri, Joint, Vector
 from mindstage.scene.joint_kinematics import is_robot_part
 from mindstage.scene.proximity import BodyBoxes

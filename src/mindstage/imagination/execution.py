@@ -47,8 +47,8 @@ from mindstage.imagination.plans import (
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.watch import EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import local_name
 from mindstage.ranges import Index, Seed, checked
+from mindstage.rdf.graphs import local_name
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector

@@ -21,8 +21,8 @@ import msgspec
 
 from mindstage.imagination.plans import Uncertainty
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import KNOWROB, ms
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import KNOWROB, ms
 from mindstage.scene import FactValue, Iri, IriRef, Literal
 from mindstage.simulation import Simulation
 

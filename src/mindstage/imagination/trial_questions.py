@@ -62,8 +62,8 @@ from mindstage.knowledge.questions import (
     question,
     question_names,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.ranges import Fraction, Length, Seed
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations

@@ -29,7 +29,7 @@ from mindstage.imagination.verdicts import wilson_interval
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries.proximity import missing_about, missing_bodies
 from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge, QuestionContext, StateAccess, WorldState
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Joint
 from mindstage.scene.display import counted
 from mindstage.scene.joint_kinematics import is_robot_part

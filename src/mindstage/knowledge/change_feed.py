@@ -16,8 +16,8 @@ import pyoxigraph as ox
 
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.owl import node_label
-from mindstage.knowledge.rdf import RdfTerm
 from mindstage.knowledge.store import OxigraphStore, term_from_node
+from mindstage.rdf.graphs import RdfTerm
 from mindstage.scene import Iri
 
 __all__ = ["MAX_COPIED_STATEMENTS", "ChangeFeed", "StatementChange", "StoreCopy"]

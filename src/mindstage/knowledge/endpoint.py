@@ -31,15 +31,16 @@ from mindstage.errors import (
     SparqlSyntaxError,
     SparqlTimeoutError,
 )
-from mindstage.knowledge.dialects.membership import inferred_membership
-from mindstage.knowledge.io.files import Source, SourceFile
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import PREFIXES, ObjectNode, SparqlResult, SubjectNode, graph_from_quads
 from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
 from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
-from mindstage.knowledge.vocabulary import (
+from mindstage.maps.dialects.membership import inferred_membership
+from mindstage.maps.io.files import Source, SourceFile
+from mindstage.ranges import checked
+from mindstage.rdf.graphs import PREFIXES, ObjectNode, SparqlResult, SubjectNode, graph_from_quads
+from mindstage.rdf.vocabulary import (
     CHILD,
     DESCRIBED_IN_MAP,
     OWL,
@@ -50,7 +51,6 @@ from mindstage.knowledge.vocabulary import (
     dul,
     soma,
 )
-from mindstage.ranges import checked
 from mindstage.scene import Iri, IriRef
 
 if TYPE_CHECKING:

@@ -29,7 +29,7 @@ import pyoxigraph as ox
 from mindstage.errors import EpisodeError
 from mindstage.knowledge.history import EpisodeSource, EventFilter, History, PastEvent
 from mindstage.knowledge.sparql_query import SparqlText
-from mindstage.knowledge.vocabulary import RDFS, SOMA, TYPE, dul, ms, soma
+from mindstage.rdf.vocabulary import RDFS, SOMA, TYPE, dul, ms, soma
 from mindstage.scene import Iri
 
 __all__ = [

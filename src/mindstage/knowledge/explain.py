@@ -18,10 +18,10 @@ from mindstage.knowledge.owl import (
     UnionOf,
 )
 from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import InferenceRule, Justification, Reasoner
 from mindstage.knowledge.reasoner_properties import ObjectTriple
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
 from mindstage.scene import Iri
 
 __all__ = [

@@ -22,19 +22,23 @@ import pyoxigraph as ox
 
 from mindstage.access.limits import Timeout
 from mindstage.errors import AmbiguousMapError, InvalidArgumentError, MapNotFoundError
-from mindstage.knowledge.dialects.conventions import Assumption, AssumptionSink, UnitConventions
-from mindstage.knowledge.dialects.membership import individuals_by_map, without_other_maps
-from mindstage.knowledge.dialects.source_map import MeshBounds, SourceMap
 from mindstage.knowledge.history import NOW, EpisodeSource, QuestionTime, histories_of, time_arguments
-from mindstage.knowledge.io.files import event_ontology, map_path
-from mindstage.knowledge.io.sources import SourceRegistry, StrPath
-from mindstage.knowledge.map_statistics import MapStatistics, map_statistics
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.over_time import argument_names, ask_over_time, episode_source, state_of_time
 from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
 from mindstage.knowledge.questions import AnswerRow, Answers, Question, StateAccess, get_question
-from mindstage.knowledge.rdf import (
+from mindstage.knowledge.reasoner import Reasoner
+from mindstage.knowledge.reasoner_properties import node_from_label
+from mindstage.knowledge.sources import SourceRegistry, StrPath
+from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
+from mindstage.maps.dialects.conventions import Assumption, AssumptionSink, UnitConventions
+from mindstage.maps.dialects.map_statistics import MapStatistics, map_statistics
+from mindstage.maps.dialects.membership import individuals_by_map, without_other_maps
+from mindstage.maps.dialects.source_map import MeshBounds, SourceMap
+from mindstage.maps.io.files import event_ontology, map_path
+from mindstage.ranges import Time, checked
+from mindstage.rdf.graphs import (
     PREFIXES,
     PRESENT_GRAPH,
     Finding,
@@ -45,21 +49,17 @@ from mindstage.knowledge.rdf import (
     gc_paused,
     local_name,
 )
-from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.reasoner_properties import node_from_label
-from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
-from mindstage.ranges import Time, checked
+from mindstage.rdf.taxonomy import ClassHierarchy
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
 if TYPE_CHECKING:  # not every program needs these
     from mindstage.knowledge.endpoint import SparqlEndpoint
-    from mindstage.knowledge.graph_diff import SourceMapView
     from mindstage.knowledge.shape_rules import ShapeRule, ShapeRuleResolver
     from mindstage.knowledge.sparql_query import QueryPrefixes
     from mindstage.knowledge.world_cache import WorldCache
+    from mindstage.maps.io.graph_diff import SourceMapView
 
 __all__ = ["AnswerCache", "KnowledgeBase"]
 
@@ -114,7 +114,8 @@ class AnswerCache:
 class KnowledgeBase:
     """Loads semantic maps and ontologies, reads worlds from the maps and answers questions about both.
 
-    >>> from mindstage.knowledge import KnowledgeBase, bundled_kitchen
+    >>> from mindstage.knowledge import KnowledgeBase
+    >>> from mindstage.maps import bundled_kitchen
     >>> knowledge = KnowledgeBase()
     >>> knowledge.load(bundled_kitchen())
     >>> world = knowledge.world()
@@ -393,7 +394,7 @@ class KnowledgeBase:
             MapNotFoundError: no map is loaded, or none has that name.
             AmbiguousMapError: several maps are loaded and no name was given, or several have that local name.
         """
-        from mindstage.knowledge.graph_diff import SourceMapView
+        from mindstage.maps.io.graph_diff import SourceMapView
 
         with self.lock:
             source_map = self._source_map(self._resolve_map(map))
@@ -858,7 +859,7 @@ class KnowledgeBase:
         raise MapNotFoundError(requested=requested if requested and maps else files, known=maps)
 
     def _source_map(self, map: Iri) -> SourceMap:
-        from mindstage.knowledge.rdf_mapping.nested import nest_blank_nodes
+        from mindstage.maps.rdf_mapping.nested import nest_blank_nodes
 
         graph, census = self._registry.map_graph(map)
         graph = nest_blank_nodes(without_other_maps(graph, map, census))
@@ -882,7 +883,7 @@ class KnowledgeBase:
         self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
     ) -> World:
         """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
-        from mindstage.knowledge.dialects.dialect_registry import read_world  # many questions need no world
+        from mindstage.maps.dialects.dialect_registry import read_world  # many questions need no world
 
         with gc_paused():
             source_map = self._source_map(map)

@@ -17,9 +17,9 @@ from functools import cached_property, lru_cache
 import pyoxigraph as ox
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
-from mindstage.knowledge.rdf import PREFIXES, QuadSource, local_name, namespace_of
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import LABEL, RDFS, SYNONYM, TYPE
+from mindstage.rdf.graphs import PREFIXES, QuadSource, local_name, namespace_of
+from mindstage.rdf.vocabulary import LABEL, RDFS, SYNONYM, TYPE
 from mindstage.scene import Iri
 from mindstage.scene.display import counted
 

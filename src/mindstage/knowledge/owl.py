@@ -8,8 +8,8 @@ from enum import StrEnum
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.knowledge.rdf import QuadSource
-from mindstage.knowledge.vocabulary import HAS_VALUE, ON_PROPERTY, OWL, RDF
+from mindstage.rdf.graphs import QuadSource
+from mindstage.rdf.vocabulary import HAS_VALUE, ON_PROPERTY, OWL, RDF
 from mindstage.scene import Iri, Literal
 
 __all__ = [

@@ -13,8 +13,8 @@ from typing import Any
 import pyoxigraph as ox
 
 from mindstage.errors import ReasonerUnavailableError
-from mindstage.knowledge.rdf import ObjectNode, QuadSource, SubjectNode
-from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, THING, XSD
+from mindstage.rdf.graphs import ObjectNode, QuadSource, SubjectNode
+from mindstage.rdf.vocabulary import OWL, RDF, RDFS, THING, XSD
 
 __all__ = ["INFERRED_GRAPH", "InferredTriples", "materialize_owl_rl"]
 

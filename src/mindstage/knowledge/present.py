@@ -20,11 +20,11 @@ from typing import Protocol
 import pyoxigraph as ox
 from msgspec.structs import replace
 
-from mindstage.knowledge.graph_diff import SourceMapView
-from mindstage.knowledge.io.write import MapFormat, write_map
 from mindstage.knowledge.questions import QuestionContext, StateAccess, WorldState
-from mindstage.knowledge.rdf import PRESENT_GRAPH
-from mindstage.knowledge.vocabulary import HAS_LOCALIZATION, TYPE, knowrob, ms, soma
+from mindstage.maps.io.graph_diff import SourceMapView
+from mindstage.maps.io.write import MapFormat, write_map
+from mindstage.rdf.graphs import PRESENT_GRAPH
+from mindstage.rdf.vocabulary import HAS_LOCALIZATION, TYPE, knowrob, ms, soma
 from mindstage.scene import AxisMotion, Body, BodyId, Iri, Joint, World
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 

@@ -67,10 +67,10 @@ from mindstage.knowledge.history import (
 )
 from mindstage.knowledge.names import EntityType, NamedThing, NameIndex, NameQuality
 from mindstage.knowledge.question_catalog import CATALOG
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import EVENT, TYPE
 from mindstage.ranges import Range, check_number, range_of
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import EVENT, TYPE
 from mindstage.scene import (
     Body,
     Iri,
@@ -86,8 +86,8 @@ from mindstage.scene import (
 from mindstage.scene.display import counted, html_table
 
 if TYPE_CHECKING:
-    from mindstage.knowledge.map_statistics import MapStatistics
     from mindstage.knowledge.shape_rules import ShapeRule
+    from mindstage.maps.dialects.map_statistics import MapStatistics
 
 __all__ = [
     "MAP_SOURCE",

@@ -32,8 +32,6 @@ from mindstage.knowledge.owl import (
     node_label,
 )
 from mindstage.knowledge.owl_rl import InferredTriples
-from mindstage.knowledge.rdf import QuadSource
-from mindstage.knowledge.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.knowledge.reasoner_classes import (
     CLASS_AXIOM_PROPERTIES,
     ClassAxioms,
@@ -51,8 +49,10 @@ from mindstage.knowledge.reasoner_properties import (
     PropertyHierarchy,
     node_from_label,
 )
-from mindstage.knowledge.taxonomy import TransitiveClosure
-from mindstage.knowledge.vocabulary import (
+from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
+from mindstage.rdf.graphs import QuadSource
+from mindstage.rdf.taxonomy import TransitiveClosure
+from mindstage.rdf.vocabulary import (
     CHILD,
     CONSTRAINT,
     DESCRIBED_IN_MAP,

@@ -24,8 +24,8 @@ from mindstage.knowledge.owl import (
     UnionOf,
     named_classes,
 )
-from mindstage.knowledge.taxonomy import TransitiveClosure
-from mindstage.knowledge.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
+from mindstage.rdf.taxonomy import TransitiveClosure
+from mindstage.rdf.vocabulary import EQUIVALENT_CLASS, OWL, SUBCLASS_OF
 from mindstage.scene import Iri
 
 __all__ = [

@@ -24,9 +24,9 @@ from mindstage.knowledge.owl import (
     node_label,
 )
 from mindstage.knowledge.owl_rl import InferredTriples
-from mindstage.knowledge.rdf import QuadSource
-from mindstage.knowledge.taxonomy import TransitiveClosure
-from mindstage.knowledge.vocabulary import OWL, RDFS, TYPE
+from mindstage.rdf.graphs import QuadSource
+from mindstage.rdf.taxonomy import TransitiveClosure
+from mindstage.rdf.vocabulary import OWL, RDFS, TYPE
 from mindstage.scene import Iri
 
 __all__ = [

@@ -36,7 +36,7 @@ from mindstage.knowledge.questions import (
     list_questions,
     questions_with_words,
 )
-from mindstage.knowledge.rdf import PREFIXES, local_name
+from mindstage.rdf.graphs import PREFIXES, local_name
 from mindstage.scene import Iri
 
 __all__ = [

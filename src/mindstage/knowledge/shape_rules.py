@@ -38,9 +38,9 @@ from typing import NamedTuple, TypeVar
 import pyoxigraph as ox
 
 from mindstage.errors import InvalidColorError, TextureNotFoundError
-from mindstage.knowledge.rdf import BUNDLED_GRAPHS, QuadSource, local_name
-from mindstage.knowledge.taxonomy import ClassHierarchy
-from mindstage.knowledge.vocabulary import KNOWROB, LABEL, MS, RDFS, XSD, ms
+from mindstage.rdf.graphs import BUNDLED_GRAPHS, QuadSource, local_name
+from mindstage.rdf.taxonomy import ClassHierarchy
+from mindstage.rdf.vocabulary import KNOWROB, LABEL, MS, RDFS, XSD, ms
 from mindstage.scene import Color, GeometrySource, Iri, LightType, PbrMaterial, Vector
 from mindstage.scene.colors import parse_color
 from mindstage.textures.catalog import texture_info
@@ -183,7 +183,6 @@ _MADE_OF, _IN_COLOR, _WORD = ms("madeOf"), ms("inColour"), ms("nameWord")
 _GIVES_LIGHT, _LIGHT_COLOR, _LIGHT_INTENSITY = ms("givesLight"), ms("lightColour"), ms("lightIntensity")
 _PLACE = Iri(KNOWROB + "Place")
 _SUBPROPERTY = Iri(RDFS + "subPropertyOf")
-_BUNDLED_GRAPH = re.compile(rf"{BUNDLED_GRAPHS}|file:.*/knowledge/bundled/[^/]*$")  # the latter in older stores
 _NUMBERS = frozenset(XSD + name for name in ("integer", "int", "decimal", "double", "float", "nonNegativeInteger"))
 
 
@@ -298,7 +297,7 @@ def _preferred(values: list[tuple[bool, T]]) -> list[T]:
 
 
 def _is_bundled(quad: ox.Quad) -> bool:
-    return isinstance(quad.graph_name, ox.NamedNode) and bool(_BUNDLED_GRAPH.match(quad.graph_name.value))
+    return isinstance(quad.graph_name, ox.NamedNode) and quad.graph_name.value.startswith(BUNDLED_GRAPHS)
 
 
 def _role(property: Iri, suffix: str) -> str:

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NoReturn
 import pyoxigraph as ox
 
 from mindstage.errors import SparqlSyntaxError, SparqlTimeoutError, StoreError
-from mindstage.knowledge.rdf import PREFIXES, RdfTerm, SparqlResult
+from mindstage.rdf.graphs import PREFIXES, RdfTerm, SparqlResult
 
 if TYPE_CHECKING:  # programs that ask only questions start no worker
     from multiprocessing.connection import Connection

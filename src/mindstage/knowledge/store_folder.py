@@ -25,11 +25,11 @@ from msgspec.structs import replace
 
 from mindstage.errors import StoreError
 from mindstage.files import atomic_write
-from mindstage.knowledge.dialects.conventions import Assumption, UnitConventions
-from mindstage.knowledge.io.files import Source, SourceFile, SourceHeader
-from mindstage.knowledge.rdf import Finding
 from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.store_index import IndexFile
+from mindstage.maps.dialects.conventions import Assumption, UnitConventions
+from mindstage.maps.io.files import Source, SourceFile, SourceHeader
+from mindstage.rdf.graphs import Finding
 
 __all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 

@@ -24,13 +24,13 @@ import msgspec
 import pyoxigraph as ox
 
 from mindstage.files import atomic_write
-from mindstage.knowledge.io.files import SourceFile
 from mindstage.knowledge.names import NameIndex
 from mindstage.knowledge.owl import ClassExpressionParser
-from mindstage.knowledge.rdf import QuadSource, gc_paused
 from mindstage.knowledge.reasoner import IndividualIndex, Reasoner
 from mindstage.knowledge.reasoner_classes import CLASS_AXIOM_PROPERTIES, Axiom, ClassAxioms
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, OWL, RDF, RDFS, SEMANTIC_MAP, TYPE
+from mindstage.maps.io.files import SourceFile
+from mindstage.rdf.graphs import QuadSource, gc_paused
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, OWL, RDF, RDFS, SEMANTIC_MAP, TYPE
 from mindstage.scene import Iri
 
 __all__ = ["IndexBuilder", "IndexFile", "StoreIndex"]

@@ -15,9 +15,9 @@ from mindstage.errors import InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge.names import EntityType, NameIndex, expand_prefix
 from mindstage.knowledge.owl import ClassExpressionParser, LiteralValue, Restriction, RestrictionType
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.rdf import TripleStore, local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import (
+from mindstage.rdf.graphs import TripleStore, local_name
+from mindstage.rdf.vocabulary import (
     HAS_VALUE,
     NAMED_INDIVIDUAL,
     ON_PROPERTY,

@@ -17,8 +17,8 @@ from pathlib import Path
 import msgspec
 
 from mindstage.files import atomic_write
-from mindstage.knowledge.dialects.conventions import Assumption
-from mindstage.knowledge.rdf import Finding, gc_paused
+from mindstage.maps.dialects.conventions import Assumption
+from mindstage.rdf.graphs import Finding, gc_paused
 from mindstage.scene import Iri, World
 
 __all__ = ["WorldCache", "WorldReading"]
@@ -28,7 +28,7 @@ _DIGEST_SIZE = 16
 _MAX_BYTES = 64 << 20
 """Total size from which the least recently used entries are deleted."""
 _BLANK_NODE = b"_:"
-_PACKAGES = ("", "knowledge", "knowledge/dialects", "knowledge/io", "knowledge/rdf_mapping", "knowledge/urdf", "scene")
+_PACKAGES = ("", "scene", "rdf", "maps/rdf_mapping", "maps/dialects", "maps/io", "maps/urdf", "knowledge")
 """The folders with the modules that read worlds."""
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError
 from mindstage.knowledge.event_graph import EPISODE_GRAPHS, concept_node, event_node, event_pattern, event_roles
 from mindstage.knowledge.history import EventFilter, PastEvent, histories_of
-from mindstage.knowledge.vocabulary import ms
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import FREE, Atom, Compound, Value
+from mindstage.rdf.vocabulary import ms
 from mindstage.scene import Iri
 from mindstage.simulation import Simulation
 

@@ -32,10 +32,10 @@ from mindstage.knowledge.history import History, QuestionTime, histories_of
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.over_time import state_of_time
 from mindstage.knowledge.questions import StateAccess, WorldState
-from mindstage.knowledge.rdf import local_name, namespace_of
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import FREE, Atom, Compound, Value
 from mindstage.ranges import Time, check_number, declared_range
+from mindstage.rdf.graphs import local_name, namespace_of
 from mindstage.scene import (
     AngularLimits,
     Attachment,

@@ -21,7 +21,7 @@ import msgspec
 from mindstage.engines import SpawnReport
 from mindstage.errors import InvalidArgumentError, MindstageError, NameNotFoundError, NumberRefusedError
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, RdfTerm
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.assertion_file import RUNTIME_GRAPH_IRI, Triple, TripleStoreView
 from mindstage.knowledge.change_feed import ChangeFeed, StoreCopy
 from mindstage.knowledge.names import PREFIXES, EntityType
@@ -37,10 +37,11 @@ from mindstage.knowledge.owl import (
 )
 from mindstage.knowledge.owl import LiteralValue as Constant
 from mindstage.knowledge.queries import AnswerRow, Answers, Question, get_question, list_questions
-from mindstage.knowledge.rdf import local_name, namespace_of
 from mindstage.knowledge.sentences import is_sentence
-from mindstage.knowledge.vocabulary import OWL, RDF, RDFS, TYPE, XSD
 from mindstage.prolog.swipl import FREE, Atom, Compound, Unbound, Value
+from mindstage.rdf import RdfTerm
+from mindstage.rdf.graphs import local_name, namespace_of
+from mindstage.rdf.vocabulary import OWL, RDF, RDFS, TYPE, XSD
 from mindstage.scene import Attachment, BodyId, Color, Iri, IriRef, Joint, Literal, World
 from mindstage.scene.colors import parse_color
 from mindstage.simulation import Simulation

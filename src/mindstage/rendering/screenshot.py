@@ -12,8 +12,8 @@ from msgspec import Meta
 
 from mindstage.access.limits import Deadline
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
-from mindstage.knowledge.rdf import local_name
 from mindstage.ranges import Coordinate, Point, check_fields
+from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import BodyAppearance, VisiblePart
 from mindstage.rendering.camera import CameraPose, corners, focus_camera, initial_target
 from mindstage.scene import BodyId, Pose, World

@@ -27,8 +27,8 @@ from mindstage.knowledge.questions import (
     StateAccess,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import knowrob, ms
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import knowrob, ms
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot_model import BaseType, GripperType, RobotComponent, RobotModel, SensorType

@@ -28,7 +28,7 @@ import msgspec
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, KnowledgeError, NameNotFoundError, suggestion
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.robots.skills.declaration import SkillValue
 from mindstage.scene import Body, BodyId, Iri, World
 

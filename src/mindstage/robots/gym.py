@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from mindstage import api
 from mindstage.engines.base import SavedState
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_model import BaseType, RobotJoint, RobotJointType

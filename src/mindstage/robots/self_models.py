@@ -15,12 +15,12 @@ import msgspec
 
 from mindstage.errors import RobotModelError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.io.files import robot_ontology
 from mindstage.knowledge.owl import Expression, LiteralValue, UnionOf, named_classes
 from mindstage.knowledge.questions import QuestionContext
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import knowrob
+from mindstage.maps.io.files import robot_ontology
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import knowrob
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.robot_model import Arm, BaseType, Gripper, ModelNote, RobotComponent, RobotJoint, RobotModel

@@ -14,7 +14,7 @@ from urllib.parse import quote
 import msgspec
 import numpy as np
 
-from mindstage.knowledge.vocabulary import URDF_LINK
+from mindstage.rdf.vocabulary import URDF_LINK
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_geometry import hull_shape
 from mindstage.robots.models.link_tree import shape_points

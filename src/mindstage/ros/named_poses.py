@@ -21,10 +21,10 @@ from mindstage.access.limits import TESTED_PLACES
 from mindstage.access.policies import QUERY
 from mindstage.bridge.conversions import pose_message
 from mindstage.errors import NameNotFoundError
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import knowrob
 from mindstage.msgs import geometry_msgs
 from mindstage.msgs import simulation_interfaces as wire
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import knowrob
 from mindstage.ros.service import OK, ResultError, ServiceSpec
 from mindstage.ros.simulation_interfaces import bounds_of, has_tags
 from mindstage.ros.state import StateReader

@@ -27,9 +27,9 @@ from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import MessageValidationError
 from mindstage.knowledge.history import time_arguments
 from mindstage.knowledge.queries import answers_to_builtins
-from mindstage.knowledge.rdf import findings_to_builtins, local_name
 from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, type_name
 from mindstage.prolog import solve_query
+from mindstage.rdf.graphs import findings_to_builtins, local_name
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.service import ServiceSpec, mapped, service_handler
 from mindstage.run_records import HOST, QUERY_SERVICE, RunRecord

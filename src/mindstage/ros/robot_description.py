@@ -18,8 +18,8 @@ from xml.etree import ElementTree
 
 from mindstage.bridge import Node
 from mindstage.errors import MindstageError
-from mindstage.knowledge.vocabulary import URDF_TEXT
 from mindstage.msgs import RosVersion, std_msgs
+from mindstage.rdf.vocabulary import URDF_TEXT
 from mindstage.robots.robot_model import RobotJoint, RobotModel
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame

@@ -46,10 +46,11 @@ from mindstage.errors import (
     XacroRefusedError,
 )
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, UnitConventions
-from mindstage.knowledge.rdf import local_name
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import UnitConventions
 from mindstage.msgs import builtin_interfaces, geometry_msgs, modul_spawner_msgs, std_msgs
 from mindstage.msgs import simulation_interfaces as wire
+from mindstage.rdf.graphs import local_name
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsupported
 from mindstage.ros.state import StateReader, free_id, map_iri

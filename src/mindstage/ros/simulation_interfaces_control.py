@@ -23,8 +23,8 @@ from msgspec.structs import replace
 from mindstage.access.limits import FEEDBACK_STEPS, STEP_DURATION, STEPS_TIME
 from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN
 from mindstage.errors import KnowledgeError, MindstageError, SimulationTimeoutError
-from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import simulation_interfaces as wire
+from mindstage.rdf.graphs import local_name
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import (
     OK,

@@ -22,9 +22,9 @@ from mindstage.bridge.conversions_unreal import (
 )
 from mindstage.engines import PoseArray, SpawnReport
 from mindstage.errors import AttachmentError, BodyExistsError, BodyNotFoundError, MindstageError, WorldError
-from mindstage.knowledge.rdf import local_name
 from mindstage.msgs import geometry_msgs
 from mindstage.msgs import world_control_msgs as wire
+from mindstage.rdf.graphs import local_name
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.engine_services import CheckpointServices
 from mindstage.ros.service import ServiceSpec

@@ -19,8 +19,8 @@ from mindstage.engines.base import Engine
 from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries import AnswerRow, Answers
-from mindstage.knowledge.rdf import local_name
 from mindstage.ranges import Fraction, Point, Size, check_fields, checked
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import IDENTITY, BodyId, Color, Pose
 
 __all__ = [

@@ -14,7 +14,7 @@ import numpy as np
 from mindstage.engines.base import Capability, Engine, SpawnNoteKind
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import (
     Body,
     BodyGeometry,

@@ -23,8 +23,8 @@ from mindstage.errors import (
 )
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import Graph, local_name, read_named_graph
-from mindstage.knowledge.vocabulary import LABEL, OWL, RDF, RDFS, TYPE, ms
+from mindstage.rdf.graphs import Graph, local_name, read_named_graph
+from mindstage.rdf.vocabulary import LABEL, OWL, RDF, RDFS, TYPE, ms
 from mindstage.scene import Body, BodyId, FactValue, Iri, IriRef, Literal, PropertyAssertion, Vector
 from mindstage.simulation.placement import PlacementResult
 from mindstage.simulation.simulation import Simulation

@@ -41,7 +41,7 @@ from mindstage.errors import (
     SimulationError,
     SimulationFaultError,
 )
-from mindstage.knowledge import KnowledgeBase, SparqlResult
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.history import NOW, WorldState, time_arguments
 from mindstage.knowledge.over_time import argument_names, ask_over_time, recorded_so_far
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
@@ -49,6 +49,7 @@ from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
 from mindstage.lazy_names import registered_function
 from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
+from mindstage.rdf import SparqlResult
 from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name

@@ -28,13 +28,14 @@ from mindstage.access.limits import (
 )
 from mindstage.access.policies import QUERY, READ
 from mindstage.errors import InvalidArgumentError, PrologUnavailableError
-from mindstage.knowledge import KnowledgeBase, RdfTerm, SparqlResult
+from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType, compact_iri
 from mindstage.knowledge.queries import Answers, Question, cell_text, get_question, list_questions, subject_column
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.sentences import is_sentence
 from mindstage.knowledge.tell import parse_value
 from mindstage.ranges import Count, Index
+from mindstage.rdf import RdfTerm, SparqlResult
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import BodyId
 from mindstage.scene.colors import hex_color, parse_color
 from mindstage.simulation import Simulation, StateSnapshot

@@ -16,8 +16,8 @@ from mindstage.access.limits import FOUND_CLASSES
 from mindstage.files import atomic_write, cache_dir
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import name_words
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import LABEL, SYNONYM
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import LABEL, SYNONYM
 from mindstage.rendering.thumbnails import render_thumbnail
 from mindstage.scene import Iri, Literal, Vector
 from mindstage.simulation import Simulation

@@ -29,7 +29,8 @@ from mindstage.errors import (
     SourceParseError,
 )
 from mindstage.files import atomic_write
-from mindstage.knowledge import KnowledgeBase, MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
+from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
 from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnapshot

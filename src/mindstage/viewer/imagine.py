@@ -22,7 +22,7 @@ from mindstage.access.resources import without_paths
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, evaluate_plan
 from mindstage.imagination.trials import physical_simulation, plan_from_text
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
 from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.colors import hex_color

@@ -16,8 +16,8 @@ from mindstage.access.limits import FACTS, REPORT_ENTRIES
 from mindstage.access.policies import READ
 from mindstage.access.resources import without_paths
 from mindstage.errors import MindstageError
-from mindstage.knowledge import Severity
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf import Severity
+from mindstage.rdf.graphs import local_name
 from mindstage.scene import BlankNode, Body, BodyId, Color, Iri, IriRef, Literal, Pose, PropertyAssertion, Vector, World
 from mindstage.scene.colors import hex_color
 from mindstage.scene.joint_kinematics import is_robot_part, joint_reach

@@ -22,8 +22,8 @@ from mindstage.access.limits import DEFAULT_VISITOR_LIMITS, UNSEEN_BODIES, Visit
 from mindstage.access.policies import EntryPoint
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import InvalidArgumentError, MindstageError
-from mindstage.knowledge.rdf import local_name
 from mindstage.ranges import Port, checked
+from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import compute_appearance, find_outlines
 from mindstage.rendering.camera import FramingTarget, ground_height, initial_target
 from mindstage.rendering.render_scene import described_world

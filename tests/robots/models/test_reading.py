@@ -24,7 +24,7 @@ from mindstage.robots.robot_model import BaseType, GripperType, RobotJointType, 
 from mindstage.robots.standing import add_standing_robot
 from mindstage.scene.transforms import quat_angle
 from mindstage.simulation import Simulation
-from tests.knowledge.hostile_urdf import HOSTILE, hostile_urdf
+from tests.maps.hostile_urdf import HOSTILE, hostile_urdf
 from tests.robots.models.installed import EXAMPLE_URDFS, EXAMPLES, known_model
 
 URDF_MODELS = ["mobile_manipulator", "stretch", "panda", "pr2", "tiago", "ur5", "baxter"]

@@ -31,9 +31,9 @@ from mindstage.knowledge.questions import (
     WorldState,
     question,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import PartOfStep, Reasoner
-from mindstage.knowledge.vocabulary import CHILD, CONSTRAINT, HAS_POSE, THING, TYPE, knowrob
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import CHILD, CONSTRAINT, HAS_POSE, THING, TYPE, knowrob
 from mindstage.scene import (
     AngularLimits,
     AxisMotion,

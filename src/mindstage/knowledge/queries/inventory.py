@@ -31,9 +31,9 @@ from mindstage.knowledge.questions import (
     ValueName,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import HAS_POSE, THING, TYPE, knowrob, ms
 from mindstage.ranges import Count
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import HAS_POSE, THING, TYPE, knowrob, ms
 from mindstage.scene import Body, Iri, IriRef, Literal, PropertyAssertion
 from mindstage.scene.bounding_boxes import footprints, polygon_areas
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations

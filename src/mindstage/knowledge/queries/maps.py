@@ -25,10 +25,10 @@ from mindstage.knowledge.questions import (
     QuestionContext,
     question,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_properties import ObjectTriple
-from mindstage.knowledge.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
 from mindstage.ranges import NotNegative
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, SEMANTIC_MAP, THING, TYPE
 from mindstage.scene import MECHANICAL_KINDS, Iri, WorldDiff, diff
 
 __all__ = [

@@ -29,9 +29,9 @@ from mindstage.knowledge.questions import (
     WorldState,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob
 from mindstage.ranges import Length
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import HAS_POSE, THING, knowrob
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints
 from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, wall_rooms

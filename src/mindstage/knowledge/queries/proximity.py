@@ -31,9 +31,9 @@ from mindstage.knowledge.questions import (
     WorldState,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import HAS_POSE, THING
 from mindstage.ranges import Count
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import HAS_POSE, THING
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas, polygon_overlap_areas
 from mindstage.scene.joint_kinematics import RigidGroups

@@ -20,8 +20,8 @@ from mindstage.knowledge.questions import (
     WorldState,
     question,
 )
-from mindstage.knowledge.rdf import local_name
-from mindstage.knowledge.vocabulary import CHILD, HAS_POSE, knowrob
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import CHILD, HAS_POSE, knowrob
 from mindstage.scene import Body, BodyId, Iri, Joint, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage
 from mindstage.scene.joint_kinematics import (

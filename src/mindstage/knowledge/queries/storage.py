@@ -36,11 +36,11 @@ from mindstage.knowledge.questions import (
     QuestionContext,
     question,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.knowledge.reasoner_classes import ClassRestriction
 from mindstage.knowledge.reasoner_properties import ObjectTriple
-from mindstage.knowledge.vocabulary import (
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import (
     AFFORDS_TASK,
     AFFORDS_TRIGGER,
     CLASSIFIES,

@@ -16,9 +16,9 @@ from mindstage.knowledge.questions import (
     ValueName,
     question,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.vocabulary import SUBCLASS_OF, THING
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import SUBCLASS_OF, THING
 from mindstage.scene import Iri
 
 __all__ = ["ClassRestrictionRow", "SiblingClasses", "SubclassRelation", "class_properties", "siblings", "subclass_of"]

@@ -34,10 +34,10 @@ from mindstage.knowledge.questions import (
     StateAccess,
     question,
 )
-from mindstage.knowledge.rdf import local_name
 from mindstage.knowledge.reasoner_classes import ClassRestriction
-from mindstage.knowledge.vocabulary import HAS_POSE, THING, knowrob, ms
 from mindstage.ranges import Count
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import HAS_POSE, THING, knowrob, ms
 from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Pose, Vector
 from mindstage.scene.placement import (
     MIN_UP_COSINE,

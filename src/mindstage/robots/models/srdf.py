@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import msgspec
 
 from mindstage.errors import RobotModelError, SourceParseError
-from mindstage.knowledge.urdf.parse import parse_xml
+from mindstage.maps.urdf.parse import parse_xml
 
 __all__ = ["Srdf", "SrdfEndEffector", "SrdfGroup", "SrdfVirtualJoint", "read_srdf"]
 

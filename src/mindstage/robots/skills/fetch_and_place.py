@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mindstage.errors import KnowledgeError, NoFreePlacementError, SkillFailedError, UnreachableError
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.robots.skills.declaration import ClassName, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.handling import pick_up, put_down

@@ -13,7 +13,7 @@ import numpy as np
 
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.rdf import local_name
+from mindstage.rdf.graphs import local_name
 from mindstage.robots.robot import RobotSession
 from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry

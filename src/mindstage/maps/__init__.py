@@ -1,0 +1,67 @@
+"""Semantic maps as files: dialects, conventions, reading of files, robot descriptions, and writing of maps.
+
+A module is imported when one of its names is first used: reading a map needs no writer of maps.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mindstage.maps.dialects.conventions import (
+        Assumption,
+        Handedness,
+        LengthUnit,
+        QuaternionOrder,
+        SizeFrame,
+        UnitConventions,
+    )
+    from mindstage.maps.dialects.map_statistics import MapStatistics
+    from mindstage.maps.io.files import bundled_kitchen, bundled_ontology
+    from mindstage.maps.io.graph_diff import SourceMapView, lost_statements
+    from mindstage.maps.io.write import MapDialect, MapFormat, save_map, write_map
+
+__all__ = [
+    "Assumption",
+    "Handedness",
+    "LengthUnit",
+    "MapDialect",
+    "MapFormat",
+    "MapStatistics",
+    "QuaternionOrder",
+    "SizeFrame",
+    "SourceMapView",
+    "UnitConventions",
+    "bundled_kitchen",
+    "bundled_ontology",
+    "lost_statements",
+    "save_map",
+    "write_map",
+]
+
+_MODULES = {
+    "Assumption": "mindstage.maps.dialects.conventions",
+    "Handedness": "mindstage.maps.dialects.conventions",
+    "LengthUnit": "mindstage.maps.dialects.conventions",
+    "MapDialect": "mindstage.maps.io.write",
+    "MapFormat": "mindstage.maps.io.write",
+    "MapStatistics": "mindstage.maps.dialects.map_statistics",
+    "QuaternionOrder": "mindstage.maps.dialects.conventions",
+    "SizeFrame": "mindstage.maps.dialects.conventions",
+    "SourceMapView": "mindstage.maps.io.graph_diff",
+    "UnitConventions": "mindstage.maps.dialects.conventions",
+    "bundled_kitchen": "mindstage.maps.io.files",
+    "bundled_ontology": "mindstage.maps.io.files",
+    "lost_statements": "mindstage.maps.io.graph_diff",
+    "save_map": "mindstage.maps.io.write",
+    "write_map": "mindstage.maps.io.write",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
