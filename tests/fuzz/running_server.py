@@ -136,7 +136,7 @@ class RunningServer:
 
             ask("pause")
             ask("step", duration_s=0.02)
-            ask("add", **{"class": "Cup", "position": [0.0, 0.0, 4.0]})
+            ask("add", cls="Cup", position=[0.0, 0.0, 4.0])
             ask("undo")
             ask("save")
             ask("ask", question="what_is Cup")

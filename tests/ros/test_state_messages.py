@@ -147,9 +147,9 @@ def test_the_frame_of_a_joint_is_fixed_to_what_it_moves_for_either_order_of_its_
     slide = world.joints[0]
     for joint in (slide, replace(slide, parent=slide.child, child=slide.parent)):
         (found,) = joint_frames(replace(world, joints=(joint,)), [world])
-        assert (found.moving, found.holder) == (DRAWER, "Cupboard")
+        assert (found.moving, found.fixed) == (DRAWER, "Cupboard")
         assert found.moving_from_joint[:3] == pytest.approx([0.0, 0.0, 0.0])
-        assert found.holder_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
+        assert found.fixed_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
     moved = replace(
         world, bodies=tuple(replace(each, pose=ROUND) if each.id == DRAWER else each for each in world.bodies)
     )

@@ -128,18 +128,18 @@ def test_where_it_does_not_fit_the_ghost_is_red_and_the_reason_is_given(adding: 
 
 def test_a_body_is_added_where_the_camera_of_the_page_looks(adding: Adding) -> None:
     adding.look((2.0, 0.2, 6.0), (2.0, 0.2, 0.0))
-    seen = adding.ask("add", size=SIZE, **{"cls": CUP})
+    seen = adding.ask("add", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(seen)).pose.position == pytest.approx((2.0, 0.2, 0.85), abs=0.03)
     adding.sim.undo_stack.undo()
     assert seen not in adding.sim.state.ids
 
 
 def test_a_body_is_added_at_a_point_or_on_a_body(adding: Adding) -> None:
-    there = adding.ask("add", position=(0.5, -1.5, 2.0), size=SIZE, **{"cls": CUP})
+    there = adding.ask("add", position=(0.5, -1.5, 2.0), size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(there)).pose.position == pytest.approx((0.5, -1.5, 2.052))
-    blind = adding.ask("add", "none", size=SIZE, **{"cls": CUP})
+    blind = adding.ask("add", "none", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(blind)).pose.position == pytest.approx((0.0, 0.0, 0.052))
-    on = adding.ask("add", on="Fridge", size=SIZE, **{"cls": CUP})
+    on = adding.ask("add", on="Fridge", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(on)).pose.position[2] == pytest.approx(1.85, abs=0.01)
     for id in (on, blind, there):
         adding.sim.undo_stack.undo()

@@ -61,7 +61,7 @@ class JointView:
     joint: Joint
     moving_row: int
     """Row of the body that the joint moves."""
-    holder_row: int
+    fixed_row: int
     """Row of the other body."""
 
 
@@ -151,7 +151,7 @@ class SceneContext:
         found: dict[int, list[JointView]] = {}
         for row, joints in self.joints.items():
             for joint in joints:
-                if joint.holder_row == row:
+                if joint.fixed_row == row:
                     found.setdefault(int(self.groups.root_row[row]), []).append(joint)
         return found
 

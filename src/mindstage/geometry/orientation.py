@@ -175,7 +175,7 @@ class OrientationSolver:
     def _outward_side(self, row: int, axis: int | None, up: BodySide) -> BodySide | None:
         """Returns the side that faces away from the cabinet that a body closes, by its joint or by its position."""
         context = self._context
-        held = [joint.holder_row for joint in context.joints.get(row, ()) if joint.moving_row == row]
+        held = [joint.fixed_row for joint in context.joints.get(row, ()) if joint.moving_row == row]
         neighborhood = self._neighborhoods.get(row)
         near = (
             []

@@ -259,7 +259,7 @@ class _Writer:
         if ids is None:
             frames.add(ROOT_FRAME)
         frames |= {
-            frame for frame, each in self._joints.items() if ids is None or (each.moving in ids and each.holder in ids)
+            frame for frame, each in self._joints.items() if ids is None or (each.moving in ids and each.fixed in ids)
         }
         robot = ElementTree.Element("robot", name=name)
         used: set[str] = {each.joint.id for frame, each in self._joints.items() if frame in frames}
@@ -298,7 +298,7 @@ class _Writer:
             type = "floating"
         name = each.joint.id if each is not None else _unused(f"{child}_{type}", used)
         joint = ElementTree.SubElement(robot, "joint", name=name, type=type)
-        _add_origin(joint, pose_from_array(pose if each is None else each.holder_from_joint))
+        _add_origin(joint, pose_from_array(pose if each is None else each.fixed_from_joint))
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=child)
         if axis is not None:
