@@ -14,7 +14,7 @@ from unittest.mock import patch
 
 import mindstage as ms
 from benchmarks import Measure
-from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, memory
+from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder, memory
 from mindstage.episodes.history import EpisodeHistory
 from mindstage.episodes.memory import INDEX_NAME, EpisodeMemory
 from mindstage.knowledge import KnowledgeBase
@@ -37,7 +37,7 @@ def measure() -> Iterator[Measure]:
 
 def _indexing(folder: Path) -> Iterator[Measure]:
     """Files of a minute of the kitchen, in which a drawer and a door are opened."""
-    with ms.open("bundled:kitchen") as simulation, simulation.record(folder / "run_0.mcap"):
+    with ms.open("bundled:kitchen") as simulation, Recorder(simulation, folder / "run_0.mcap"):
         for name in ("fridge_door", "drawer_left_1"):
             simulation.joint(name).open()
         simulation.step(max(0.1, _DURATION_S - simulation.state.time_s))

@@ -63,7 +63,7 @@ def _record(path: Path, *, movers: int, seconds: float, bags: Sequence[_PlainBag
     with ms.open("bundled:kitchen") as simulation:
         simulation.step(3.0)
         moved = _Movers(simulation, movers)
-        with simulation.record(path):
+        with Recorder(simulation, path):
             for number in range(round(seconds * _RATE_HZ)):
                 moved.step(number)
                 for bag in bags:
@@ -182,7 +182,7 @@ def _cost_shares(path: Path, movers: int, *, frames: int = 900) -> tuple[float, 
     with ms.open("bundled:kitchen") as simulation:
         simulation.step(3.0)
         moved = _Movers(simulation, movers)
-        with simulation.record(path) as recorder:
+        with Recorder(simulation, path) as recorder:
             recorder.flush()
             recording.Recorder.on_state, recording.Recorder._write_item = timed_state, timed_item
             try:

@@ -18,6 +18,7 @@ from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE
 from mindstage.errors import RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
+from mindstage.robots import add_robot
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.navigation import plan_base
@@ -138,7 +139,7 @@ def _planning() -> Iterator[Measure]:
     knowledge.load([bundled_kitchen()])
     with Simulation(knowledge, MujocoEngine()) as simulation:
         simulation.spawn()
-        robot = simulation.add_robot("mobile_manipulator", Pose((0.9, 0.6, 0.0)))
+        robot = add_robot(simulation, "mobile_manipulator", Pose((0.9, 0.6, 0.0)))
         checker = CollisionChecker(robot, joints=robot.model.arms[0].joints)
         state = np.array(checker.start)
         seconds, _ = _timed(lambda: [checker.find(state) for _ in range(500)])

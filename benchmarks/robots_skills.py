@@ -18,6 +18,7 @@ import numpy as np
 
 import mindstage as ms
 from mindstage.engines.base import Engine
+from mindstage.robots import add_robot
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import SkillResult, SkillStep, can_open, start_skill
@@ -200,7 +201,7 @@ def main() -> None:
     parser.add_argument("--fronts", nargs="*", help="these fronts only; none without names")
     options = parser.parse_args()
     with ms.open("bundled:kitchen") as sim:
-        robot = sim.add_robot(options.robot, Pose((_START[0], _START[1], 0.0)))
+        robot = add_robot(sim, options.robot, Pose((_START[0], _START[1], 0.0)))
         sim.step(0.5)
         if options.seeds:
             put_milk_away(sim, robot, range(options.first_seed, options.first_seed + options.seeds))

@@ -4,11 +4,11 @@ import tempfile
 from pathlib import Path
 
 import mindstage as ms
-from mindstage.episodes import Episode
+from mindstage.episodes import Episode, Recorder
 
 with tempfile.TemporaryDirectory() as folder:
     path = Path(folder) / "run.mcap"
-    with ms.open("bundled:kitchen") as sim, sim.record(path):
+    with ms.open("bundled:kitchen") as sim, Recorder(sim, path):
         sim.step(0.3)
         sim.joint("fridge_door").open()
         sim.place("milk_carton_1", on="table")

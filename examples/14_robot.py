@@ -1,12 +1,13 @@
 """Add a robot, drive it, and let it open a drawer by what the map states about it."""
 
 import mindstage as ms
+from mindstage.robots import add_robot
 from mindstage.robots.skills import start_skill
 from mindstage.scene import Pose
 
 with ms.open("bundled:kitchen") as sim:
     sim.step(0.5)
-    robot = sim.add_robot("mobile_manipulator", Pose((0.6, 0.6, 0.0)))
+    robot = add_robot(sim, "mobile_manipulator", Pose((0.6, 0.6, 0.0)))
     print(robot)
     moved = robot.run(robot.driving([(0.2, 0.6, 1.57)]))
     print("driven in", round(moved.duration_s, 1), "s to", [round(each, 2) for each in robot.base_pose()])

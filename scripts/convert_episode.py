@@ -25,7 +25,7 @@ _NAMES = {
     "twist_soft": "twist_soft_limit",
     "glow": "emission",
     "centre": "center",
-    "urdf_files": "urdf",
+    "urdf": "urdf",
 }
 _SURFACE_NAMES = {"height": "clearance", "inside": "is_inside", "up": "normal"}
 _FINDING_NAMES = {"what": "problem", "did": "action"}

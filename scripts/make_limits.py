@@ -14,6 +14,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from generated import write_or_compare
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import LIMITS, BridgeLimits, Limit, RpcLimits, VisitorLimits
@@ -22,6 +23,7 @@ from mindstage.bridge import LocalNode
 from mindstage.episodes.recording import EpisodeFrame, FrameRecording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.prolog import PrologConsole
+from mindstage.robots import add_robot
 from mindstage.ros import RosInterface
 from mindstage.scene import Iri, World
 from mindstage.viewer import Viewer
@@ -58,14 +60,7 @@ RECORDS = {
 
 def main() -> int:
     """Writes or checks the page; returns 0 if it is up to date, otherwise 1."""
-    text = page()
-    if "--check" in sys.argv[1:]:
-        if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{PAGE} is out of date: run scripts/make_limits.py", file=sys.stderr)
-        return 1
-    PAGE.write_text(text, encoding="utf-8")
-    return 0
+    return write_or_compare({PAGE: page()})
 
 
 def page() -> str:
@@ -88,7 +83,7 @@ def served_entry_points() -> list[EntryPoint]:
     with ExitStack() as stack:
         simulation = stack.enter_context(Simulation(KnowledgeBase(), MujocoEngine()))
         simulation.spawn(empty)
-        simulation.add_robot("mobile_manipulator", name="robot")
+        add_robot(simulation, "mobile_manipulator", name="robot")
         node = stack.enter_context(LocalNode())
         stack.enter_context(RosInterface(simulation, node))
         viewer = stack.enter_context(Viewer(simulation, port=0))

@@ -13,6 +13,7 @@ from mindstage.access.limits import VisitorLimits
 from mindstage.access.policies import EntryPoint
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.episodes.replay import EpisodeReplay
+from mindstage.robots import add_robot
 from mindstage.ros import RosInterface
 from mindstage.ros.queries import QueryServer
 from mindstage.viewer import Viewer
@@ -48,7 +49,7 @@ def served() -> Iterator[Served]:
     with ExitStack() as stack:
         simulation = stack.enter_context(Simulation(KnowledgeBase(), MujocoEngine()))
         simulation.spawn(kitchenette())
-        simulation.add_robot("mobile_manipulator")
+        add_robot(simulation, "mobile_manipulator")
         node = stack.enter_context(LocalNode())
         stack.enter_context(RosInterface(simulation, node))
         rosbridge = stack.enter_context(RosbridgeServer(node, port=0, token=TOKEN, visitor_limits=limits))

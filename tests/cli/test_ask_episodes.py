@@ -8,6 +8,7 @@ import pytest
 
 from mindstage.cli.options import ExitCode
 from mindstage.engines import make_engine
+from mindstage.episodes import Recorder
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import write_map
 from mindstage.scene import BodyId, Pose
@@ -27,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with KnowledgeBase() as knowledge, Simulation(knowledge, make_engine("null")) as simulation:
         knowledge.load(path)
         simulation.spawn()
-        with simulation.record(runs / "run.mcap"):
+        with Recorder(simulation, runs / "run.mcap"):
             simulation.step(0.5)
             pose = Pose((2.0, 1.0, 1.85))
             simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), pose), edits=True)

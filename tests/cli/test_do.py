@@ -14,6 +14,7 @@ from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import MujocoEngine
 from mindstage.episodes import Episode
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot
 from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
 from mindstage.ros import RosInterface
@@ -181,7 +182,7 @@ def address() -> Iterator[str]:
     """The address of a playing simulation with a robot."""
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1))))
-        simulation.add_robot("mobile_manipulator")
+        add_robot(simulation, "mobile_manipulator")
         with LocalNode() as node, RosInterface(simulation, node), RosbridgeServer(node, port=0) as server:
             simulation.play(speed=4.0)
             yield f"ros://127.0.0.1:{server.port}"

@@ -13,6 +13,7 @@ from tests.cli.runner import Run, WriteMap, json_output
 
 pytest.importorskip("mitsuba", reason="needs the extra render")
 
+from mindstage.episodes import Recorder
 from mindstage.rendering.path_tracing import PathTracingSettings
 from mindstage.scene import Pose
 from mindstage.simulation import Marker, MarkerType
@@ -72,7 +73,7 @@ def test_a_flight_has_its_frames_and_begins_at_its_first_stop(run: Run, write_ma
 
 def test_a_moment_of_an_episode_is_rendered(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     episode = tmp_path / "fall.mcap"
-    with ms.open(write_map("mugs.owl", mugs={"X": "0 0 1.8"}), engine="null") as sim, sim.record(episode):
+    with ms.open(write_map("mugs.owl", mugs={"X": "0 0 1.8"}), engine="null") as sim, Recorder(sim, episode):
         sim.step(0.2)
         sim.undo_stack.move(sim.snapshot().bodies[0].id, Pose((0.0, 0.0, 1.0)))
         sim.step(0.3)

@@ -14,6 +14,7 @@ import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.bridge import RosbridgeClient
+from mindstage.episodes import Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.neem import write_neem
 from mindstage.maps import write_map
@@ -31,7 +32,7 @@ def episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
         simulation.pull("Drawer", point=(-0.25, 0.0, 0.0), target=(1.2, 0.0, 0.65))  # type: ignore[arg-type]
-        with simulation.record(path):
+        with Recorder(simulation, path):
             simulation.step(2.0)
     return path
 

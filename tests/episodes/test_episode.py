@@ -62,7 +62,7 @@ class LiveStates:
 
 def edited_run(simulation: Simulation, path: Path) -> LiveStates:
     """A run with every kind of edit, and moving joints."""
-    with simulation.record(path) as recorder:
+    with Recorder(simulation, path) as recorder:
         live = LiveStates(simulation, recorder)
 
         def edit(function: object) -> None:
@@ -139,7 +139,7 @@ def test_frames_are_in_the_order_of_time_and_are_those_of_frame_at(simulation: S
 
 
 def test_time_continues_after_a_reset(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(0.5)
         before = recorder.time_s
         simulation.reset()
@@ -151,7 +151,7 @@ def test_time_continues_after_a_reset(simulation: Simulation, tmp_path: Path) ->
 
 
 def test_a_time_outside_of_the_episode_is_an_error(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.step(0.2)
     with Episode(tmp_path / "run.mcap") as episode:
         for at in (-0.1, 1.0):
@@ -161,7 +161,7 @@ def test_a_time_outside_of_the_episode_is_an_error(simulation: Simulation, tmp_p
 
 def test_geometry_is_restored_exactly(simulation: Simulation, tmp_path: Path) -> None:
     live = simulation.geometry
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.step(0.1)
     with Episode(tmp_path / "run.mcap") as episode:
         assert episode.geometry.keys() == live.keys()
@@ -178,7 +178,7 @@ def test_geometry_is_restored_exactly(simulation: Simulation, tmp_path: Path) ->
 
 
 def test_a_closed_episode_says_so(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.step(0.1)
     episode = Episode(tmp_path / "run.mcap")
     episode.close()
@@ -202,7 +202,7 @@ def test_a_simulation_is_continued_from_any_time(simulation: Simulation, tmp_pat
 
 
 def test_a_body_falls_on_where_the_simulation_is_continued(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.run_on_engine(lambda engine: engine.set_pose(body("Mug"), Pose((0.0, 0.0, 2.0))), edits=True)
         simulation.step(0.3)
         at = recorder.time_s
@@ -223,7 +223,7 @@ def test_the_knowledge_base_answers_without_the_original_files(tmp_path: Path) -
     knowledge.load(folder / "map.owl")
     with Simulation(knowledge, make_engine("mujoco")) as simulation:
         simulation.spawn()
-        with simulation.record(tmp_path / "run.mcap"):
+        with Recorder(simulation, tmp_path / "run.mcap"):
             knowledge.tell("Mug", "rdfs:label", "the blue mug")
             simulation.step(0.1)
         answers = [(row.thing, row.relation, row.other) for row in simulation.ask("where_is", "Mug")]
@@ -241,7 +241,7 @@ def test_the_knowledge_base_answers_without_the_original_files(tmp_path: Path) -
 
 
 def test_the_maps_at_begin_and_end_are_the_worlds_of_then(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         begin = simulation.snapshot()
         simulation.run_on_engine(lambda engine: engine.set_pose(body("Mug"), Pose((0.0, 0.5, 0.05))), edits=True)
         simulation.step(0.5)

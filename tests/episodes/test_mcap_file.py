@@ -13,7 +13,7 @@ import pytest
 from mcap.writer import Writer
 
 from mindstage.engines import make_engine
-from mindstage.episodes import mcap_file, recorder
+from mindstage.episodes import Recorder, mcap_file, recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.mcap_file import EpisodeFile, repair
 from mindstage.errors import EpisodeError, EpisodeFileError, EpisodeTimeError
@@ -37,7 +37,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(recorder, "_CHUNK_FRAMES", 5)
         patch.setattr(recorder, "_BASE_S", 0.7)
         simulation.spawn(kitchenette())
-        with simulation.record(path) as running:
+        with Recorder(simulation, path) as running:
             running.flush()  # attachments are at the begin of long files
             for number in range(12):
                 x = 0.2 * number - 1.0
@@ -193,7 +193,7 @@ def test_chunks_of_another_episode_are_not_mixed_in(whole: Path, tmp_path: Path)
     other = tmp_path / "other.mcap"
     with Simulation(KnowledgeBase(), make_engine("mujoco")) as simulation:
         simulation.spawn(kitchenette())
-        with simulation.record(other):
+        with Recorder(simulation, other):
             simulation.step(1.0)
     path = tmp_path / "damaged.mcap"
     path.write_bytes(whole.read_bytes() + other.read_bytes())

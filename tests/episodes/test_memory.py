@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from mindstage.engines import make_engine
-from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, memory
+from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder, memory
 from mindstage.episodes.history import EpisodeHistory
 from mindstage.episodes.memory import INDEX_NAME, EpisodeMemory
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
@@ -209,7 +209,7 @@ def test_closing_twice_is_harmless(folder: Path) -> None:
 def test_recorded_files_answer_as_each_of_them_does(tmp_path: Path) -> None:
     with KnowledgeBase() as knowledge, Simulation(knowledge, make_engine("null")) as simulation:
         simulation.spawn(kitchenette())
-        with simulation.record(tmp_path / "one.mcap"):
+        with Recorder(simulation, tmp_path / "one.mcap"):
             simulation.step(0.2)
             simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
             simulation.step(0.5)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from mindstage.engines import make_engine
 from mindstage.engines.base import Contact
-from mindstage.episodes import EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeFrame, FrameRecording, Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.episode_questions import HeldRelation
 from mindstage.errors import EpisodeError, EpisodeTimeError, InvalidArgumentError
@@ -107,7 +107,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     times = {}
     with Simulation(knowledge, make_engine("mujoco")) as simulation:
         simulation.spawn()
-        recorder = simulation.record(folder / "file.mcap", rate_hz=120.0)
+        recorder = Recorder(simulation, folder / "file.mcap", rate_hz=120.0)
         for step in range(46):
             time_s = step / 30
             if step == 10:
@@ -352,7 +352,7 @@ def test_a_simulation_that_is_recorded_can_be_asked_about_what_was_recorded_so_f
         simulation.spawn()
         with pytest.raises(InvalidArgumentError, match="none named 'live'"):
             simulation.ask("where_is", "Mug", at=0.1, episode="live")
-        with simulation.record(tmp_path / "live.mcap", rate_hz=50.0) as recorder:
+        with Recorder(simulation, tmp_path / "live.mcap", rate_hz=50.0) as recorder:
             for _ in range(4):
                 x = 1.9 + 0.04 * len(live)
                 simulation.run_on_engine(lambda engine, x=x: engine.set_pose(BodyId("Mug"), Pose((x, 0.0, 0.85))))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,17 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from mindstage.engines import make_engine
+from mindstage.engines.base import Engine
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import Recorder, RecordingFolder
+from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
+from tests.conftest import missing
 from tests.kitchenette import kitchenette
 
 
@@ -38,7 +42,7 @@ def simulation() -> Iterator[Simulation]:
 def drop_the_mug(simulation: Simulation, path: Path) -> dict[float, np.ndarray]:
     """Records a falling mug; returns its live pose by time."""
     live = {}
-    with simulation.record(path) as recorder:
+    with Recorder(simulation, path) as recorder:
         simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
         for _ in range(30):
             simulation.step(1 / 30)
@@ -70,7 +74,7 @@ def test_rosbags_reads_the_same_poses_and_times(simulation: Simulation, tmp_path
 
 
 def test_every_message_is_read_by_two_other_programs(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
         simulation.step(0.5)
         simulation.ask("where_is")
@@ -102,9 +106,33 @@ def test_every_message_is_read_by_two_other_programs(simulation: Simulation, tmp
     ]
 
 
+def test_rerun_opens_an_episode(simulation: Simulation, tmp_path: Path) -> None:
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.is_file():
+        missing("rerun is not installed (rerun-sdk)")
+    drop_the_mug(simulation, tmp_path / "run.mcap")
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        moves = [each for each in reader.connections if each.topic == "/tf"]
+        transforms = sum(
+            len(reader.deserialize(data, connection.msgtype).transforms)  # type: ignore[attr-defined]
+            for connection, _, data in reader.messages(moves)
+        )
+    convert = [rerun, "mcap", "convert", tmp_path / "run.mcap", "-o", tmp_path / "run.rrd"]
+    subprocess.run(convert, check=True, capture_output=True, timeout=120)
+    shown = subprocess.run([rerun, "rrd", "print", tmp_path / "run.rrd"], check=True, capture_output=True, timeout=120)
+    rows: dict[str, int] = {}
+    for count, name, columns in re.findall(
+        r"with (\d+) rows .* - (\S+) - data columns: \[(.*)\]", shown.stdout.decode()
+    ):
+        if "Transform3D:" in columns or "Scalars:" in columns:
+            rows[name] = rows.get(name, 0) + int(count)
+    assert rows["/tf"] == transforms > 10
+    assert rows["/joint_states/position"] > 0
+
+
 def test_only_what_moved_is_written(simulation: Simulation, tmp_path: Path) -> None:
     simulation.step(2.0)
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.step(3.0)
     with AnyReader([tmp_path / "run.mcap"]) as reader:
         counts = {each.topic: each.msgcount for each in reader.connections}
@@ -114,7 +142,7 @@ def test_only_what_moved_is_written(simulation: Simulation, tmp_path: Path) -> N
 
 def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulation, tmp_path: Path) -> None:
     mug = BodyId("Mug")
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(0.5)
         at = recorder.time_s
         with as_client("viewer"):
@@ -152,7 +180,7 @@ def test_frames_have_the_requested_rate_however_the_simulation_is_stepped(
 ) -> None:
     for rate_hz, step_s in ((10.0, 1.0), (50.0, 1.0), (10.0, 0.01), (30.0, 0.002)):
         path = tmp_path / f"{rate_hz}-{step_s}.mcap"
-        with simulation.record(path, rate_hz=rate_hz):
+        with Recorder(simulation, path, rate_hz=rate_hz):
             for _ in range(round(1.0 / step_s)):
                 simulation.step(step_s)
         with Episode(path) as episode:
@@ -165,7 +193,7 @@ def test_events_detected_while_recording_are_those_detected_from_the_file(
     simulation: Simulation, tmp_path: Path
 ) -> None:
     simulation.step(0.5)
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
         simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
         simulation.step(1.5)
@@ -184,11 +212,84 @@ def test_events_detected_while_recording_are_those_detected_from_the_file(
         assert 0.0 <= opening.begin_s < 0.3
 
 
+HAND = Body(
+    id=BodyId("Hand"),
+    iri=Iri("http://example.org/hand"),
+    cls=Iri("http://example.org/Hand"),
+    pose=Pose((2.0, 0.0, 1.2)),
+    size=(0.1, 0.1, 0.1),
+    physics=BodyPhysics(mobility=Mobility.KINEMATIC),
+)
+MUG = BodyId("Mug")
+
+
+def edit(simulation: Simulation, function: Callable[[Engine], object]) -> None:
+    simulation.run_on_engine(function, edits=True)
+
+
+def lift(simulation: Simulation, height: float) -> None:
+    """Moves the hand up in ten steps of a third of a second altogether."""
+    x, y, z = simulation.snapshot().body("Hand").pose.position
+    for number in range(1, 11):
+        place = Pose((x, y, z + height * number / 10))
+        edit(simulation, lambda engine, place=place: engine.set_pose(HAND.id, place))  # type: ignore[misc]
+        simulation.step(1 / 30)
+
+
+def put_into_an_empty_world(simulation: Simulation) -> None:
+    simulation.clear()
+    simulation.step(0.1)
+    simulation.spawn(kitchenette())
+
+
+def lift_and_delete_the_hand(simulation: Simulation) -> None:
+    edit(simulation, lambda engine: engine.attach(HAND.id, MUG))
+    lift(simulation, 0.3)
+    edit(simulation, lambda engine: engine.delete([HAND.id]))
+
+
+def delete_the_hand_at_once(simulation: Simulation) -> None:
+    edit(simulation, lambda engine: engine.attach(HAND.id, MUG))
+    simulation.step(0.2)
+    edit(simulation, lambda engine: engine.delete([HAND.id]))
+
+
+def delete_the_support(simulation: Simulation) -> None:
+    def change(engine: Engine) -> None:
+        engine.delete([BodyId("Cupboard"), BodyId("Drawer"), BodyId("DrawerHandle")])
+        engine.attach(HAND.id, MUG)
+
+    edit(simulation, change)
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [put_into_an_empty_world, lift_and_delete_the_hand, delete_the_hand_at_once, delete_the_support],
+    ids=lambda each: each.__name__,
+)
+def test_no_edit_ends_a_recording(simulation: Simulation, tmp_path: Path, edits: Callable[[Simulation], None]) -> None:
+    simulation.spawn(World(iri=HAND.iri, bodies=(HAND,)))
+    with simulation.record(tmp_path / "run.mcap"):
+        simulation.step(0.3)
+        edits(simulation)
+        simulation.step(0.5)
+        ids = set(simulation.state.ids)
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        assert set(episode.frame_at(episode.end_s).ids) == ids
+        grasps = [event for event in episode.events() if event.kind is EpisodeEventKind.GRASP]
+        assert [event.thing for event in grasps] == ([] if edits is put_into_an_empty_world else [MUG])
+        picked_up = [event for event in episode.events() if event.kind is EpisodeEventKind.PICK_UP]
+        assert [event.agent for event in picked_up] == (["Hand"] if edits is lift_and_delete_the_hand else [])
+        for event in grasps:
+            assert event.begin_s == pytest.approx(0.3, abs=0.05)
+            assert (event.end_s is None) == (HAND.id in ids)
+
+
 def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
     simulation: Simulation, tmp_path: Path
 ) -> None:
     simulation.step(0.5)
-    with Recorder(simulation, tmp_path / "without.mcap", events=False), simulation.record(tmp_path / "with.mcap"):
+    with Recorder(simulation, tmp_path / "without.mcap", events=False), Recorder(simulation, tmp_path / "with.mcap"):
         simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
         simulation.step(1.0)
     with Episode(tmp_path / "without.mcap") as without, Episode(tmp_path / "with.mcap") as recorded:
@@ -197,7 +298,7 @@ def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
 
 
 def test_a_playing_simulation_is_recorded(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.play(speed=4.0)
         deadline = time.monotonic() + 60.0
         while simulation.state.time_s < 1.0 and time.monotonic() < deadline:
@@ -212,7 +313,7 @@ def test_a_playing_simulation_is_recorded(simulation: Simulation, tmp_path: Path
 def test_a_simulation_without_a_thread_is_recorded(tmp_path: Path) -> None:
     with Simulation(KnowledgeBase(), make_engine("mujoco"), threaded=False) as simulation:
         simulation.spawn(kitchenette())
-        with simulation.record(tmp_path / "run.mcap"):
+        with Recorder(simulation, tmp_path / "run.mcap"):
             simulation.step(0.5)
     assert episode_end(tmp_path / "run.mcap") == pytest.approx(0.5, abs=0.003)
 
@@ -220,7 +321,7 @@ def test_a_simulation_without_a_thread_is_recorded(tmp_path: Path) -> None:
 def test_closing_the_simulation_finishes_the_file(tmp_path: Path) -> None:
     with Simulation(KnowledgeBase(), make_engine("mujoco")) as simulation:
         simulation.spawn(kitchenette())
-        recorder = simulation.record(tmp_path / "run.mcap")
+        recorder = Recorder(simulation, tmp_path / "run.mcap")
         simulation.step(0.5)
     assert not recorder.recording
     recorder.stop()
@@ -229,7 +330,7 @@ def test_closing_the_simulation_finishes_the_file(tmp_path: Path) -> None:
 
 
 def test_two_recorders_at_once_write_the_same_states(simulation: Simulation, tmp_path: Path) -> None:
-    with simulation.record(tmp_path / "a.mcap"), simulation.record(tmp_path / "b.mcap", rate_hz=10.0):
+    with Recorder(simulation, tmp_path / "a.mcap"), Recorder(simulation, tmp_path / "b.mcap", rate_hz=10.0):
         drop_the_mug(simulation, tmp_path / "c.mcap")
     with Episode(tmp_path / "a.mcap") as a, Episode(tmp_path / "b.mcap") as b:
         last_a, last_b = a.frame_at(a.end_s), b.frame_at(b.end_s)
@@ -239,18 +340,18 @@ def test_two_recorders_at_once_write_the_same_states(simulation: Simulation, tmp
 def test_a_file_that_exists_is_not_overwritten(simulation: Simulation, tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(b"precious")
     with pytest.raises(EpisodeFileError, match="it exists"):
-        simulation.record(tmp_path / "run.mcap")
+        Recorder(simulation, tmp_path / "run.mcap")
     assert (tmp_path / "run.mcap").read_bytes() == b"precious"
 
 
 def test_other_suffixes_folders_and_rates_are_refused(simulation: Simulation, tmp_path: Path) -> None:
     with pytest.raises(EpisodeFileError, match=r"ends with \.mcap"):
-        simulation.record(tmp_path / "run.bag")
+        Recorder(simulation, tmp_path / "run.bag")
     with pytest.raises(EpisodeFileError, match="No such file"):
-        simulation.record(tmp_path / "missing" / "run.mcap")
+        Recorder(simulation, tmp_path / "missing" / "run.mcap")
     for rate in (0.0, -1.0, float("nan"), 1e6):
         with pytest.raises(InvalidArgumentError, match="Hz"):
-            simulation.record(tmp_path / "run.mcap", rate_hz=rate)
+            Recorder(simulation, tmp_path / "run.mcap", rate_hz=rate)
     assert not list(tmp_path.iterdir())
 
 
@@ -260,7 +361,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_simulation(
     def fail(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    recorder = simulation.record(tmp_path / "run.mcap")
+    recorder = Recorder(simulation, tmp_path / "run.mcap")
     monkeypatch.setattr(os, "fdatasync", fail)
     for _ in range(600):
         simulation.step(0.2)
@@ -275,6 +376,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_simulation(
 
 KILLED = """
 import sys, time
+from mindstage.episodes import Recorder
 from mindstage.engines import make_engine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.simulation import Simulation
@@ -282,7 +384,7 @@ from tests.kitchenette import kitchenette
 
 simulation = Simulation(KnowledgeBase(), make_engine("mujoco"))
 simulation.spawn(kitchenette())
-recorder = simulation.record(sys.argv[1])
+recorder = Recorder(simulation, sys.argv[1])
 simulation.play()
 while True:
     time.sleep(0.05)
@@ -339,7 +441,7 @@ def test_numbers_of_numpy_that_a_program_passes_are_recorded(tmp_path: Path) -> 
     with Simulation(KnowledgeBase(), make_engine("mujoco")) as simulation:
         simulation.spawn(kitchenette())
         x, y, z = np.array([1.5, 0.0, 1.0])
-        with simulation.record(tmp_path / "run.mcap"):
+        with Recorder(simulation, tmp_path / "run.mcap"):
             simulation.pull(BodyId("Mug"), point=(0.0, 0.0, 0.0), target=(x, y, z))
             simulation.step(0.1)
     with Episode(tmp_path / "run.mcap") as episode:

@@ -12,7 +12,7 @@ import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.engines import Capability
-from mindstage.episodes import EpisodeEventKind, EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of
 from mindstage.errors import (
@@ -124,21 +124,23 @@ def test_events_are_visited_in_both_directions_and_by_kind(replay: EpisodeReplay
 
 
 @pytest.mark.parametrize(
-    "edit",
+    ("edit", "what"),
     [
-        lambda replay: replay.undo_stack.delete([MUG]),
-        lambda replay: replay.undo_stack.move(MUG, Pose((0.0, 0.0, 2.0))),
-        lambda replay: replay.undo_stack.attach(DRAWER, MUG),
-        lambda replay: replay.pull(MUG, point=(0.0, 0.0, 0.0), target=(0.0, 0.0, 2.0)),
-        lambda replay: replay.clear(),
-        lambda replay: replay.set_knowledge(KnowledgeBase()),
-        lambda replay: replay.spawn(kitchenette()),
-        lambda replay: replay.place(MUG, on="Fridge"),
+        (lambda replay: replay.undo_stack.delete([MUG]), "delete bodies"),
+        (lambda replay: replay.undo_stack.move(MUG, Pose((0.0, 0.0, 2.0))), "move bodies"),
+        (lambda replay: replay.undo_stack.attach(DRAWER, MUG), "attach bodies"),
+        (lambda replay: replay.pull(MUG, point=(0.0, 0.0, 0.0), target=(0.0, 0.0, 2.0)), ""),
+        (lambda replay: replay.clear(), "remove its bodies"),
+        (lambda replay: replay.set_knowledge(KnowledgeBase()), "remove its bodies"),
+        (lambda replay: replay.spawn(kitchenette()), "spawn bodies"),
+        (lambda replay: replay.place(MUG, on="Fridge"), ""),
     ],
 )
-def test_edits_are_refused_and_change_nothing(replay: EpisodeReplay, edit: Callable[[EpisodeReplay], Any]) -> None:
+def test_edits_are_refused_and_change_nothing(
+    replay: EpisodeReplay, edit: Callable[[EpisodeReplay], Any], what: str
+) -> None:
     before = replay.snapshot()
-    with pytest.raises(UnsupportedByEngineError, match="continue from the shown moment with Resume"):
+    with pytest.raises(UnsupportedByEngineError, match=f"{what}.*continue from the shown moment with Resume"):
         edit(replay)
     assert replay.snapshot() == before
     assert replay.state.error == ""
@@ -259,7 +261,7 @@ def test_a_recorded_file_is_replayed_with_its_own_knowledge(tmp_path: Path) -> N
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
         simulation.step(0.5)
-        with simulation.record(path) as recorder:
+        with Recorder(simulation, path) as recorder:
             for _ in range(6):
                 simulation.pull(DRAWER, point=(-0.25, 0.0, 0.0), target=(1.2, 0.0, 0.65))
                 simulation.step(0.2)
@@ -281,7 +283,7 @@ def test_the_worlds_are_those_that_had_been_spawned_at_the_shown_time(tmp_path: 
     jugs = World(iri=Iri("http://example.org/jugs.owl#map"), name="jugs", bodies=(jug,))
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
-        with simulation.record(tmp_path / "run.mcap") as recorder:
+        with Recorder(simulation, tmp_path / "run.mcap") as recorder:
             simulation.step(0.5)
             simulation.spawn(jugs)
             spawned_s = recorder.time_s

@@ -10,10 +10,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from mindstage.engines import MujocoEngine
+from mindstage.episodes import Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
+from mindstage.robots import add_robot
 from mindstage.robots.robot import Robot
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
@@ -29,12 +31,12 @@ def sim() -> Iterator[Simulation]:
 
 @pytest.fixture
 def robot(sim: Simulation) -> Robot:
-    return sim.add_robot("mobile_manipulator", Pose((0.0, -4.0, 0.0)))
+    return add_robot(sim, "mobile_manipulator", Pose((0.0, -4.0, 0.0)))
 
 
 def test_joint_states_are_recorded_with_velocities_and_efforts(sim: Simulation, robot: Robot, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with sim.record(path):
+    with Recorder(sim, path):
         start = robot.joint_states()
         goal = robot.start_trajectory(robot.trajectory_to({"lift_joint": 0.8}))
         sim.step(0.6)
@@ -67,7 +69,7 @@ def _decoded(reader) -> Iterator[tuple[object, ...]]:
 def test_a_robot_at_rest_is_not_written_in_each_frame(sim: Simulation, robot: Robot, tmp_path: Path) -> None:
     path = tmp_path / "rest.mcap"
     sim.step(1.0)
-    with sim.record(path):
+    with Recorder(sim, path):
         sim.step(3.0)
     with path.open("rb") as file:
         count = sum(1 for _ in make_reader(file).iter_messages(topics=["/robot_joint_states"]))
@@ -76,7 +78,7 @@ def test_a_robot_at_rest_is_not_written_in_each_frame(sim: Simulation, robot: Ro
 
 def test_commands_and_how_they_ended_are_recorded(sim: Simulation, robot: Robot, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with sim.record(path):
+    with Recorder(sim, path):
         robot.run(robot.moving_to({"lift_joint": 0.6}))
         goal = robot.start_driving([(1.0, -4.0, 0.0)])
         sim.step(0.3)
@@ -99,7 +101,7 @@ def test_commands_and_how_they_ended_are_recorded(sim: Simulation, robot: Robot,
 
 def test_a_skill_is_an_event_with_its_outcome(sim: Simulation, robot: Robot, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with sim.record(path):
+    with Recorder(sim, path):
         sim.step(0.2)
         with robot.performing("pick", {"thing": "Mug"}) as finish:
             sim.step(1.0)
@@ -124,8 +126,8 @@ def test_skills_are_asked_for_as_actions(tmp_path: Path) -> None:
     knowledge.load(bundled_kitchen())
     with knowledge, Simulation(knowledge, MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn()
-        robot = sim.add_robot("mobile_manipulator", Pose((0.0, -4.0, 0.0)))
-        with sim.record(path), robot.performing("pick", {"thing": "milk_carton_1"}) as finish:
+        robot = add_robot(sim, "mobile_manipulator", Pose((0.0, -4.0, 0.0)))
+        with Recorder(sim, path), robot.performing("pick", {"thing": "milk_carton_1"}) as finish:
             sim.step(0.3)
             finish("succeeded", "")
         knowledge.add_episode(Episode(path), name="run")
@@ -138,7 +140,7 @@ def test_skills_are_asked_for_as_actions(tmp_path: Path) -> None:
 
 def test_the_links_of_a_robot_are_not_things_that_it_handles(sim: Simulation, robot: Robot, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    with sim.record(path):
+    with Recorder(sim, path):
         robot.run(robot.moving_to({"lift_joint": 0.7, "head_pan_joint": 0.5}))
         robot.run(robot.driving([(0.3, -4.0, 0.5)]))
     with Episode(path) as episode:

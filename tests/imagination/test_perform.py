@@ -25,6 +25,7 @@ from mindstage.imagination import (
     validate_plan,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot, find_robot
 from mindstage.robots.skills.declaration import SkillSpec, ThingName, skill
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Pose
@@ -135,7 +136,7 @@ def fake_skills(monkeypatch: pytest.MonkeyPatch) -> None:
 def room() -> Iterator[SimulationImage]:
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as sim:
         sim.spawn(world(FLOOR, CUBE))
-        sim.add_robot("mobile_manipulator")
+        add_robot(sim, "mobile_manipulator")
         sim.step(0.5)
         yield SimulationImage.capture(sim)
 
@@ -148,13 +149,13 @@ def perform(room: SimulationImage, skill: str, *, deadline_s: float = 30.0, **ar
 def test_a_skill_moves_the_robot_of_the_sample(room: SimulationImage) -> None:
     with room.restore() as sim:
         result = run_plan(sim, PlanBuilder().perform("approach", thing="cube").build())
-        assert sim.robot().base_pose()[0] == pytest.approx(0.5, abs=0.02)
+        assert find_robot(sim).base_pose()[0] == pytest.approx(0.5, abs=0.02)
     assert result.outcome is Outcome.SUCCEEDED, result.cause
     (done,) = result.skills
     assert (done.skill, done.args, done.assumptions) == ("approach", {"thing": "cube"}, ("the way is free",))
     assert done.duration_s == pytest.approx(result.duration_s, abs=2.0)
     with room.restore() as again:
-        assert again.robot().base_pose()[0] == pytest.approx(0.0, abs=1e-3)
+        assert find_robot(again).base_pose()[0] == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_failed_skill_fails_the_sample_with_reason_and_state(room: SimulationImage) -> None:
@@ -241,7 +242,7 @@ def test_a_plan_that_no_robot_can_follow_is_refused_with_its_line(
 ) -> None:
     file = load_plan(f"steps:\n  - do: perform\n    {step}\n", name="plan.yaml")
     with room.restore() as sim, pytest.raises(PlanError) as refused:
-        file.validate(sim)
+        validate_plan(file, sim)
     assert place in str(refused.value)
     assert cause in str(refused.value)
     assert "plan.yaml:" in str(refused.value)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 
@@ -27,8 +24,9 @@ from mindstage.imagination import (
     try_first,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot, find_robot
 from mindstage.scene import Pose
-from mindstage.simulation import Simulation, TrialOptions
+from mindstage.simulation import Simulation
 from tests.engines.scenes import body, world
 from tests.imagination.scenes import TABLE_HEIGHT_M, on_table
 
@@ -64,7 +62,7 @@ def test_a_plan_that_succeeds_in_copies_is_done(table: Simulation) -> None:
 
 
 def test_a_plan_that_fails_in_copies_is_not_done_and_the_reason_is_named(table: Simulation) -> None:
-    found = table.try_first(OVER_THE_EDGE)
+    found = try_first(table, OVER_THE_EDGE)
     assert not found
     assert found.result is None
     assert box_x(table) == pytest.approx(-0.5, abs=1e-3)
@@ -72,43 +70,14 @@ def test_a_plan_that_fails_in_copies_is_not_done_and_the_reason_is_named(table: 
 
 
 def test_the_whole_interval_counts_unless_an_estimate_is_enough(table: Simulation) -> None:
-    unsure = table.try_first(NEAR_THE_EDGE, at_least=0.5, samples=10)
+    unsure = try_first(table, NEAR_THE_EDGE, at_least=0.5, samples=10)
     low, high = unsure.verdict.interval
     assert low < 0.5 < (unsure.verdict.probability or 0.0) < high
     assert not unsure.acted
     assert f"({low:.2f} to {high:.2f})" in unsure.reason
-    estimated = table.try_first(NEAR_THE_EDGE, at_least=0.5, samples=10, certain=False)
+    estimated = try_first(table, NEAR_THE_EDGE, at_least=0.5, samples=10, certain=False)
     assert estimated.acted
     assert box_x(table) == pytest.approx(-0.05, abs=1e-3)  # without the uncertainty
-
-
-def test_the_method_has_the_arguments_of_the_function() -> None:
-    options = dict(inspect.signature(try_first).parameters)
-    method = inspect.signature(Simulation.try_first).parameters
-    assert (options.pop("simulation").name, options.pop("plan").name) == ("simulation", "plan")
-    assert options.pop("at_least").default == method["at_least"].default
-    assert set(options) == TrialOptions.__annotations__.keys()
-    with pytest.raises(TypeError, match="sample"):
-        Simulation.try_first(None, "", sample=3)  # type: ignore[call-arg, arg-type]
-
-
-@pytest.mark.parametrize(
-    "imports",
-    [
-        "from mindstage.simulation import Simulation",
-        "from mindstage.simulation.simulation import Simulation",
-        "from mindstage import Simulation",
-    ],
-)
-def test_the_method_needs_no_other_import(imports: str) -> None:
-    code = (
-        f"import sys\n{imports}\nassert 'mindstage.imagination' not in sys.modules\n"
-        "from mindstage.engines import MujocoEngine\nfrom mindstage.knowledge import KnowledgeBase\n"
-        "with Simulation(KnowledgeBase(), MujocoEngine(), threaded=False) as sim:\n"
-        "    print(sim.try_first('steps: [{do: wait, duration_s: 0.1}]\\n'))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120)
-    assert run.stdout.startswith("succeeded after 0."), run.stderr
 
 
 def test_what_is_done_may_fail_and_that_is_no_success(table: Simulation) -> None:
@@ -168,7 +137,7 @@ def test_time_stands_still_during_the_trial_of_a_playing_simulation() -> None:
 def test_a_stopped_plan_stops_its_robot() -> None:
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as sim:
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1))))
-        robot = sim.add_robot("mobile_manipulator")
+        robot = add_robot(sim, "mobile_manipulator")
         calls = iter([False] * 6 + [True] * 1000)
         result = act(sim, PlanBuilder().perform("go_to", x=3.0, y=0.0).build(), stop=lambda: next(calls))
         assert (result.outcome, result.is_interrupted) == (Outcome.UNKNOWN, True)
@@ -183,7 +152,7 @@ def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         box = body("box", (2.0, 2.0, 0.05), (0.1, 0.1, 0.1), "dynamic", 1.0)
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), box))
-        sim.add_robot("mobile_manipulator")
+        add_robot(sim, "mobile_manipulator")
         plan = PlanBuilder().perform("go_to", x=0.3, y=0.2).perform("park").uncertain("box", mass=0.1).build()
         here = evaluate_plan(sim, plan, samples=2, width=None)
         there = evaluate_plan(sim, plan, samples=2, width=None, workers=2)
@@ -191,7 +160,7 @@ def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None
         assert here.results == there.results
         assert [done.skill for done in here.results[0].skills] == ["go_to", "park"]
         assert here.replay(1).result == here.results[1]
-        assert sim.robot().base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+        assert find_robot(sim).base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
 
 
 def test_what_a_plan_did_is_one_step_of_the_history(table: Simulation) -> None:

@@ -14,6 +14,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
 from mindstage.prolog.plan_predicates import skill_from_term
 from mindstage.prolog.swipl import Atom, Compound
+from mindstage.robots import find_robot
 from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
 from mindstage.simulation import Simulation
@@ -57,7 +58,7 @@ def result(console: PrologConsole, goal: str) -> tuple[object, str, object]:
 
 
 def test_an_added_robot_stands_where_it_was_put(console: PrologConsole) -> None:
-    assert console.simulation.robot().base_pose() == pytest.approx((-0.5, 0.5, 0.0), abs=1e-3)
+    assert find_robot(console.simulation).base_pose() == pytest.approx((-0.5, 0.5, 0.0), abs=1e-3)
     assert [each["R"] for each in console.solutions("robot(R)")] == ["mobile_manipulator"]
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from mindstage.engines.base import Contact, Engine
 from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.robot_model import RobotModel
@@ -55,7 +56,7 @@ def robot_in(
     with Simulation(KnowledgeBase(), engine or MujocoEngine(), primitive_shapes=True, threaded=False) as simulation:
         report = simulation.spawn(world)
         assert report.ok, report
-        yield simulation.add_robot(robot, Pose(at))
+        yield add_robot(simulation, robot, Pose(at))
 
 
 def contacts_with(robot: Robot, ids: set[str]) -> list[Contact]:

@@ -10,6 +10,7 @@ import pytest
 from mindstage.engines import GodotEngine
 from mindstage.errors import CommandRefusedError
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot
 from mindstage.robots.control import MotionFailure
 from mindstage.scene import Iri, Pose, World
 from mindstage.simulation import Simulation
@@ -21,7 +22,7 @@ WALL = Iri("http://example.org/wall#map")
 def test_a_base_drives_and_turns_in_godot(godot: Path) -> None:
     yaw = 0.4
     with Simulation(KnowledgeBase(), GodotEngine(godot, timeout_s=60.0), timeout_s=60.0) as sim:
-        robot = sim.add_robot("mobile_manipulator", Pose((0.5, -0.3, 0.0), (cos(yaw / 2), 0.0, 0.0, sin(yaw / 2))))
+        robot = add_robot(sim, "mobile_manipulator", Pose((0.5, -0.3, 0.0), (cos(yaw / 2), 0.0, 0.0, sin(yaw / 2))))
         arm = {joint: robot.joint_positions()[joint] for joint in robot.model.arms[0].joints}
         goal = (0.5 + 0.3 * cos(yaw), -0.3 + 0.3 * sin(yaw), yaw - 0.8)
         result = robot.run(robot.driving([(goal[0], goal[1], yaw), goal]), timeout_s=120.0)
@@ -98,7 +99,7 @@ WRIST = "\n".join(
 def test_drives_hold_a_wrist_whose_joints_are_connected_by_light_links(godot: Path, tmp_path: Path) -> None:
     (tmp_path / "wrist.urdf").write_text(WRIST, encoding="utf-8")
     with Simulation(KnowledgeBase(), GodotEngine(godot, timeout_s=60.0), timeout_s=60.0) as sim:
-        robot = sim.add_robot(str(tmp_path / "wrist.urdf"), Pose((0.0, 0.0, 0.0)))
+        robot = add_robot(sim, str(tmp_path / "wrist.urdf"), Pose((0.0, 0.0, 0.0)))
         expected = dict(robot.joint_positions())
         for name, goal in (("roll_joint", 0.5), ("pitch_joint", -0.4), ("yaw_joint", -0.6)):
             result = robot.run(robot.moving_to({name: goal}), timeout_s=60.0)

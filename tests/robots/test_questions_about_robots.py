@@ -10,6 +10,7 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import question_names
 from mindstage.maps import bundled_kitchen
+from mindstage.robots import add_robot
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
 from mindstage.viewer.inspector import TourHandler
@@ -35,7 +36,7 @@ def sim() -> Iterator[Simulation]:
 def answers_before(sim: Simulation) -> dict[str, list[object]]:
     """The answers to all questions, before a robot is added."""
     found: dict[str, list[object]] = {name: list(sim.ask(name)) for name in question_names()}
-    sim.add_robot("mobile_manipulator", Pose((0.3, 0.2, 0.0)))
+    add_robot(sim, "mobile_manipulator", Pose((0.3, 0.2, 0.0)))
     return found
 
 

@@ -16,6 +16,7 @@ from mindstage.bridge.calls import ServerGoalHandle
 from mindstage.engines import MujocoEngine, NullEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot, find_robot
 from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
@@ -44,7 +45,7 @@ def sim() -> Iterator[Simulation]:
 
 @pytest.fixture
 def robot(sim: Simulation, model: RobotModel) -> Robot:
-    return sim.add_robot(model)
+    return add_robot(sim, model)
 
 
 def box(id: str, position: Vector, size: Vector, *, mass_kg: float | None = None) -> World:
@@ -322,7 +323,7 @@ def test_a_path_is_driven_to_its_end_within_the_speed_limits(sim: Simulation, ro
 
 def test_odometry_is_exact_and_starts_where_the_robot_was_added(sim: Simulation, model: RobotModel) -> None:
     yaw = 0.8
-    robot = sim.add_robot(model, Pose((2.0, -1.0, 0.0), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
+    robot = add_robot(sim, model, Pose((2.0, -1.0, 0.0), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))))
     assert robot.odometry().x == pytest.approx(0.0, abs=1e-6)
     robot.run(robot.driving([(2.5, -0.4, 2.0)]))
     odometry, (x, y, now) = robot.odometry(), robot.base_pose()
@@ -387,7 +388,7 @@ def test_a_robot_that_drives_into_a_wall_stops_and_says_so(sim: Simulation, robo
 
 def test_a_differential_base_never_moves_sideways(sim: Simulation, model: RobotModel) -> None:
     base = replace(model.base, type=BaseType.DIFFERENTIAL)
-    robot = sim.add_robot(replace(model, base=base), name="differential")
+    robot = add_robot(sim, replace(model, base=base), name="differential")
     with pytest.raises(CommandRefusedError, match="sideways"):
         robot.drive(0.1, 0.1)
     for _ in range(20):
@@ -410,7 +411,7 @@ def test_a_differential_base_never_moves_sideways(sim: Simulation, model: RobotM
 
 def test_a_dense_path_is_driven_without_stops_by_a_differential_base(sim: Simulation, model: RobotModel) -> None:
     base = replace(model.base, type=BaseType.DIFFERENTIAL)
-    robot = sim.add_robot(replace(model, base=base), name="differential")
+    robot = add_robot(sim, replace(model, base=base), name="differential")
     angles = np.linspace(0.05, math.pi / 2, 30)
     arc = [(math.sin(angle), 1.0 - math.cos(angle), float(angle)) for angle in angles]
     goal = robot.start_driving(arc)
@@ -518,19 +519,19 @@ def test_fingers_are_not_faster_than_their_limit_when_what_they_press_slips_out(
 
 def test_robots_are_found_by_name(sim: Simulation, model: RobotModel) -> None:
     with pytest.raises(RobotNotFoundError, match="add_robot"):
-        sim.robot()
-    first = sim.add_robot(model)
-    assert sim.robot() is first
-    second = sim.add_robot(model, Pose((0.0, 2.0, 0.0)))
+        find_robot(sim)
+    first = add_robot(sim, model)
+    assert find_robot(sim) is first
+    second = add_robot(sim, model, Pose((0.0, 2.0, 0.0)))
     assert list(sim.robots) == ["mobile_manipulator", "mobile_manipulator_2"]
     with pytest.raises(RobotNotFoundError, match="mobile_manipulator_2"):
-        sim.robot()
+        find_robot(sim)
     with pytest.raises(RobotModelError, match="exists"):
-        sim.add_robot(model, name=first.name)
+        add_robot(sim, model, name=first.name)
     assert second.run(second.driving([(0.5, 2.0, 0.0)]))
     assert first.base_pose() == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
-    sim.remove_robot(first.name)
-    assert sim.robot() is second
+    find_robot(sim, first.name).remove()
+    assert find_robot(sim) is second
     assert second.run(second.moving_to({"lift_joint": 0.6}))
 
 
@@ -539,7 +540,7 @@ def test_a_copy_continues_the_motion_and_the_original_does_not_notice(sim: Simul
     sim.step(0.5)
     before = robot.joint_positions()
     with sim.fork(threaded=False) as copy:
-        twin = copy.robot()
+        twin = find_robot(copy)
         copy.step(3.0)
         assert twin.joint_positions()["lift_joint"] == pytest.approx(0.9, abs=0.003)
         assert twin.run(twin.driving([(0.5, 0.0, 0.0)]))
@@ -553,7 +554,7 @@ def test_a_copy_in_another_process_has_the_robot(sim: Simulation, robot: Robot) 
     robot.run(robot.moving_to({"lift_joint": 0.6}))
     with sim.fork(threaded=False) as copy:
         sent = pickle.loads(pickle.dumps(copy))
-        twin = sent.robot()
+        twin = find_robot(sent)
         assert twin.session is sent
         assert twin.joint_positions() == pytest.approx(robot.joint_positions())
         assert twin.run(twin.moving_to({"lift_joint": 0.3}))
@@ -597,7 +598,7 @@ def test_a_robot_whose_parts_were_deleted_is_gone_until_that_is_undone(sim: Simu
         robot.drive(0.1)
     sim.undo_stack.undo()
     sim.step(0.1)
-    assert sim.robot() is robot
+    assert find_robot(sim) is robot
     assert robot.run(robot.moving_to({"lift_joint": 0.6}))
 
 
@@ -615,7 +616,7 @@ def test_robots_are_not_part_of_a_saved_map_unless_they_are_asked_for(
 
 def test_a_robot_moves_while_the_simulation_plays(model: RobotModel) -> None:
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
-        robot = sim.add_robot(model)
+        robot = add_robot(sim, model)
         sim.play(speed=4.0)
         assert robot.run(robot.moving_to({"lift_joint": 0.7}))
         assert sim.state.playing
@@ -623,11 +624,11 @@ def test_a_robot_moves_while_the_simulation_plays(model: RobotModel) -> None:
 
 def test_an_engine_without_actuators_has_the_robot_but_refuses_its_motions(model: RobotModel) -> None:
     with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
-        robot = sim.add_robot(model, Pose((1.0, 2.0, 0.0)))
+        robot = add_robot(sim, model, Pose((1.0, 2.0, 0.0)))
         assert robot.base_pose() == pytest.approx((1.0, 2.0, 0.0))
         assert robot.joint_positions().keys() == robot.joint_ids.keys()
         with pytest.raises(CommandRefusedError, match="no actuators"):
             robot.drive(0.1)
         with sim.fork(physics=True) as copy:
-            twin = copy.robot()
+            twin = find_robot(copy)
             assert twin.run(twin.moving_to({"lift_joint": 0.6}))

@@ -10,6 +10,7 @@ import pytest
 
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot
 from mindstage.robots.robot import Robot
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation
@@ -36,7 +37,7 @@ def link_positions(robot: Robot) -> dict[BodyId, np.ndarray]:
 @pytest.mark.parametrize("name", ["mobile_manipulator", "panda"])
 def test_a_saved_robot_moves_in_bare_mujoco_as_in_the_engine(name: str, tmp_path: Path) -> None:
     with Simulation(KnowledgeBase(), MujocoEngine()) as sim:
-        robot = sim.add_robot(name, Pose((0.3, -0.2, 0.0)))
+        robot = add_robot(sim, name, Pose((0.3, -0.2, 0.0)))
         sim.step(0.5)
         arm = robot.model.arms[0]
         now = robot.joint_positions()
@@ -72,5 +73,5 @@ def test_a_saved_robot_moves_in_bare_mujoco_as_in_the_engine(name: str, tmp_path
 
 def test_a_file_without_robots_has_no_actuators(tmp_path: Path) -> None:
     with Simulation(KnowledgeBase(), MujocoEngine()) as sim:
-        sim.add_robot("mobile_manipulator")
+        add_robot(sim, "mobile_manipulator")
         assert saved(sim, tmp_path, robots=False).nu == 0

@@ -13,6 +13,7 @@ import pytest
 import mindstage as ms
 from mindstage.engines.base import DynamicsScale
 from mindstage.errors import InvalidArgumentError, SkillFailedError, UnreachableError
+from mindstage.robots import add_robot, find_robot
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import (
@@ -47,7 +48,7 @@ from tests.robots.rooms import box, robot_in
 @pytest.fixture(scope="module")
 def kitchen() -> Iterator[Simulation]:
     with ms.open("bundled:kitchen") as sim:
-        sim.add_robot("mobile_manipulator", Pose((-0.8, 0.6, 0.0), (0.7071068, 0.0, 0.0, 0.7071068)), name="robot")
+        add_robot(sim, "mobile_manipulator", Pose((-0.8, 0.6, 0.0), (0.7071068, 0.0, 0.0, 0.7071068)), name="robot")
         sim.step(0.2)
         yield sim
 
@@ -55,7 +56,7 @@ def kitchen() -> Iterator[Simulation]:
 @pytest.fixture
 def robot(kitchen: Simulation) -> Robot:
     kitchen.reset()
-    return kitchen.robot()
+    return find_robot(kitchen)
 
 
 def perform(robot: Robot, name: str, **args: object) -> SkillResult:
@@ -179,7 +180,7 @@ class TestSkills:
     def test_a_skill_can_be_rehearsed_in_a_copy(self, kitchen: Simulation, robot: Robot) -> None:
         before = robot.base_pose()
         with kitchen.fork() as copy:
-            imagined = copy.robot()
+            imagined = find_robot(copy)
             assert imagined.run(start_skill(imagined, "go_to", {"x": 0.3, "y": 0.6}))
             assert imagined.base_pose()[0] == pytest.approx(0.3, abs=0.02)
         assert robot.base_pose() == pytest.approx(before, abs=1e-6)
@@ -191,7 +192,7 @@ def pantry(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Simulation]:
     path = tmp_path_factory.mktemp("map") / "map.owl"
     ms.save(kitchenette(), path)
     with ms.open(path) as sim:
-        sim.add_robot("mobile_manipulator", Pose((0.6, 0.0, 0.0)))
+        add_robot(sim, "mobile_manipulator", Pose((0.6, 0.0, 0.0)))
         sim.step(0.2)
         yield sim
 
@@ -202,7 +203,7 @@ class TestSmallKitchen:
         pantry.reset()
 
     def test_a_drawer_is_opened_and_closed_by_its_handle(self, pantry: Simulation) -> None:
-        robot, steps = pantry.robot(), list[SkillStep]()
+        robot, steps = find_robot(pantry), list[SkillStep]()
         result = robot.run(start_skill(robot, "open", {"thing": "Drawer"}, on_step=steps.append))
         assert result, result.reason
         assert pantry.joint("Drawer").openness > 0.95
@@ -218,7 +219,7 @@ class TestSmallKitchen:
     def test_what_did_not_move_a_front_is_tried_from_another_place_and_then_another_way(
         self, pantry: Simulation
     ) -> None:
-        robot = pantry.robot()
+        robot = find_robot(pantry)
         pantry.joint("Drawer").open(0.5)
         pantry.step(0.1)
         task = SkillTask(robot)
@@ -237,7 +238,7 @@ class TestSmallKitchen:
     def test_a_way_is_planned_from_where_the_base_will_be_with_a_front_where_it_will_be(
         self, pantry: Simulation
     ) -> None:
-        robot, drawer = pantry.robot(), pantry.joint("Drawer")
+        robot, drawer = find_robot(pantry), pantry.joint("Drawer")
         assert plan_base(robot, (1.1, 0.0, 0.0)) == ((1.1, 0.0, 0.0),)
         with pytest.raises(UnreachableError, match=r"inside Drawer"):
             plan_base(robot, (1.1, 0.0, 0.0), joints={drawer.id: drawer.open_position})
@@ -247,7 +248,7 @@ class TestSmallKitchen:
     def test_all_searches_of_a_skill_together_are_limited(self, pantry: Simulation) -> None:
         pantry.joint("Drawer").open(0.5)
         pantry.step(0.1)
-        task = SkillTask(pantry.robot())
+        task = SkillTask(find_robot(pantry))
         surroundings = task.surroundings()
         opening = surroundings.opening(BodyId("Drawer"))
         find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
@@ -255,10 +256,10 @@ class TestSmallKitchen:
         task.limit.steps = task.limit.done
         reason = f"Drawer is 5.% open instead of 0%: .* within {task.limit.steps} steps"
         with pytest.raises(SkillFailedError, match=reason):
-            pantry.robot().run(moving_front(task, opening, 0.0))
+            find_robot(pantry).run(moving_front(task, opening, 0.0))
 
     def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
-        robot, mug = pantry.robot(), BodyId("Mug")
+        robot, mug = find_robot(pantry), BodyId("Mug")
         result = perform(robot, "pick", thing="Mug")
         assert result, result.reason
         assert result.state.held == {"gripper": mug}
@@ -277,7 +278,7 @@ class TestSmallKitchen:
     ) -> None:
         """The search for a grasp by friction is cut short: the mug is fixed to the gripper then."""
         monkeypatch.setattr(handling, "PathPlacementRequest", partial(PathPlacementRequest, steps=2000))
-        robot, mug = pantry.robot(), BodyId("Mug")
+        robot, mug = find_robot(pantry), BodyId("Mug")
         pantry.place(mug, into="Drawer")
         assert pantry.joint("Drawer").openness < 0.01
         result = perform(robot, "pick", thing="Mug")
@@ -291,7 +292,7 @@ class TestSmallKitchen:
         self, pantry: Simulation, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """Motions are left out: the arm finds its way as soon as the drawer is wide open."""
-        robot, mug, drawer = pantry.robot(), BodyId("Mug"), pantry.joint("Drawer")
+        robot, mug, drawer = find_robot(pantry), BodyId("Mug"), pantry.joint("Drawer")
         pantry.place(mug, into="Drawer")
         drawer.open(0.6)
         pantry.step(0.2)
@@ -525,8 +526,8 @@ class TestWhatCanBeOpened:
         crate = box("crate", (handle[0] + 0.06, handle[1], handle[2]), (0.02, 0.3, 0.3))
         with kitchen.fork() as copy:
             copy.spawn(World(iri=Iri("http://example.org/crate"), bodies=(crate,)))
-            reach = can_open(copy.robot(), "microwave_door")
-            result = perform(copy.robot(), "open", thing="microwave_door")
+            reach = can_open(find_robot(copy), "microwave_door")
+            result = perform(find_robot(copy), "open", thing="microwave_door")
             assert copy.joint("microwave_door").openness < 0.01
         assert not reach
         assert (reach.openness, reach.steps, reach.obstacle) == (0.0, (), "crate")
@@ -558,7 +559,7 @@ class TestWhatCanBeOpened:
 class TestArmsThatTakeTheBaseAlong:
     def test_an_open_drawer_is_closed_from_where_the_disc_around_the_base_has_no_room(self) -> None:
         with ms.open("bundled:kitchen") as sim:
-            robot = sim.add_robot("stretch", Pose((-0.96, -1.32, 0.0), (0.0119, 0.0, 0.0, 0.99993)))
+            robot = add_robot(sim, "stretch", Pose((-0.96, -1.32, 0.0), (0.0119, 0.0, 0.0, 0.99993)))
             sim.joint("drawer_south_1").open(1.0)  # the robot is between the drawer and a chair
             sim.step(0.1)
             floor = FloorMap(robot)
@@ -574,7 +575,7 @@ class TestArmsThatTakeTheBaseAlong:
         base = (-0.9427, -1.7107, -1.4448)  # between the open door and a wall, the hand at the handle
         arm = {"joint_lift": 0.9385, "joint_arm_l3": 0.0661, "joint_wrist_yaw": -1.6924, "joint_wrist_roll": -3.1399}
         with ms.open("bundled:kitchen") as sim:
-            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            robot = add_robot(sim, "stretch", Pose((0.9, 0.6, 0.0)))
             assert all(robot.run(robot.moving_to({name: at})) for name, at in arm.items())
             robot.set_base_pose(*base)
             sim.joint("microwave_door").open(0.997)
@@ -620,7 +621,7 @@ class TestArmsThatTakeTheBaseAlong:
     def test_a_door_is_opened_only_as_far_as_the_base_can_still_drive_away(self) -> None:
         """Beside the door that it pulls towards itself there are walls: farther on, it could not get out."""
         with ms.open("bundled:kitchen") as sim:
-            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            robot = add_robot(sim, "stretch", Pose((0.9, 0.6, 0.0)))
             task = SkillTask(robot)
             hand, surroundings = hands_of(task)[0], task.surroundings()
             door = surroundings.opening(BodyId("room_door"))
@@ -633,7 +634,7 @@ class TestArmsThatTakeTheBaseAlong:
 
     def test_doors_above_its_lift_are_given_up_at_once(self) -> None:
         with ms.open("bundled:kitchen") as sim:
-            robot = sim.add_robot("stretch", Pose((0.9, 0.6, 0.0)))
+            robot = add_robot(sim, "stretch", Pose((0.9, 0.6, 0.0)))
             hand = hands_of(SkillTask(robot))[0]
             before = hand.kinematics.iterations
             surroundings = SkillTask(robot).surroundings()

@@ -15,6 +15,7 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.msgs import RosVersion
+from mindstage.robots import add_robot
 from mindstage.ros import RosInterface
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
@@ -132,7 +133,7 @@ def robot_simulation() -> Iterator[Simulation]:
     """A kitchenette and a robot 2 m in front of it, which faces it."""
     with KnowledgeBase() as knowledge, Simulation(knowledge, MujocoEngine()) as simulation:
         assert simulation.spawn(kitchenette()).ok
-        simulation.add_robot("mobile_manipulator", Pose((-0.3, 0.5, 0.0)))
+        add_robot(simulation, "mobile_manipulator", Pose((-0.3, 0.5, 0.0)))
         yield simulation
 
 

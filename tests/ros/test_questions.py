@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
+from mindstage.episodes import Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.errors import ServiceCallError
 from mindstage.knowledge import KnowledgeBase
@@ -99,7 +100,7 @@ def test_all_questions_of_several_clients_are_answered(
 def test_questions_and_queries_are_about_a_time_of_what_is_recorded(
     call: Call, ask: Ask, simulation: Simulation, tmp_path: Path
 ) -> None:
-    with simulation.record(tmp_path / "run.mcap", rate_hz=100.0):
+    with Recorder(simulation, tmp_path / "run.mcap", rate_hz=100.0):
         simulation.step(0.1)
         call("set_model_pose", id="Mug", pose=pose_message(0.0, -2.0, 0.05))
         simulation.step(0.1)

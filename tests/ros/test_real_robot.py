@@ -12,6 +12,7 @@ from mindstage.bridge import RosbridgeClient
 from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion
+from mindstage.robots import add_robot
 from mindstage.ros import RosInterface
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
@@ -120,7 +121,7 @@ SUCCEEDED, PREEMPTED, REJECTED = 3, 2, 5
 def simulation() -> Iterator[Simulation]:
     with KnowledgeBase() as knowledge, Simulation(knowledge, MujocoEngine()) as simulation:
         assert simulation.spawn(kitchenette()).ok
-        simulation.add_robot("mobile_manipulator", Pose((-0.3, 0.5, 0.0)))
+        add_robot(simulation, "mobile_manipulator", Pose((-0.3, 0.5, 0.0)))
         simulation.play()
         yield simulation
 

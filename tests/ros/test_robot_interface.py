@@ -16,6 +16,7 @@ from mindstage.engines import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sources import RosPackagePath
 from mindstage.maps.urdf.parse import read_urdf
+from mindstage.robots import add_robot, find_robot
 from mindstage.robots import robot as robot_module
 from mindstage.robots.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
@@ -72,7 +73,7 @@ def test_joint_states_have_the_positions_of_the_description(
     robot_client: RobotClient, robot_simulation: Simulation
 ) -> None:
     message = robot_client.wait_for("joint_states", 3)
-    model = robot_simulation.robot().model
+    model = find_robot(robot_simulation).model
     assert sorted(message["name"]) == sorted(joint.name for joint in model.joints if joint.is_movable)
     assert len(message["position"]) == len(message["velocity"]) == len(message["effort"]) == len(message["name"])
     positions = dict(zip(message["name"], message["position"], strict=True))
@@ -136,7 +137,8 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         assert not again["success"]
         assert "rob" in again["refusal"]["text"]
         playing.run_on_engine(
-            lambda engine: engine.delete([body.id for body in playing.robot("rob").placed.world.bodies]), edits=True
+            lambda engine: engine.delete([body.id for body in find_robot(playing, "rob").placed.world.bodies]),
+            edits=True,
         )
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())
         assert "Mug" in client.ros.get_param("/robot_description")
@@ -146,19 +148,18 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
 def test_a_robot_that_takes_long_to_add_is_offered_when_it_is_complete(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place_robot = robot_module.place_robot
+    drives_of = robot_module.drives_of
 
     def slow(*args: Any, **options: Any) -> Any:
-        placed = place_robot(*args, **options)
         time.sleep(0.6)  # its bodies are published before it is a robot
-        return placed
+        return drives_of(*args, **options)
 
-    monkeypatch.setattr(robot_module, "place_robot", slow)
+    monkeypatch.setattr(robot_module, "drives_of", slow)
     node, server = node_and_server
     with RosInterface(playing, node):
         client = RobotClient(server.port)
         client.wait_for("/tf", 3)
-        playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+        add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" in client.ros.get_topics())
         eventually(lambda: transforms(client).get("lift_link", ("",))[0] == "base_link")
         client.close()
@@ -185,8 +186,8 @@ def test_a_second_robot_has_its_name_as_its_namespace(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
-    playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
     with RosInterface(playing, node):
         first, second = RobotClient(server.port), RobotClient(server.port, "/two")
         goal = second.follow({"lift_joint": 0.3}, 1.0)
@@ -234,7 +235,7 @@ def test_an_interface_without_a_namespace_keeps_its_own_names(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.0, 0.0)), name="rob")
     with RosInterface(playing, node, namespace=""):
         client = RobotClient(server.port, "/rob")
         assert client.follow({"lift_joint": 0.3}, 1.0).wait()[0] == "SUCCEEDED"
@@ -247,7 +248,7 @@ def test_a_client_of_ros_1_uses_the_same_names(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.0, 0.0)))
     with RosInterface(playing, node, ros=RosVersion.ONE):
         client = RobotClient(server.port)
         action = actionlib.ActionClient(
@@ -307,6 +308,54 @@ def test_a_robot_of_a_known_make_has_the_controllers_of_its_driver(
     for spec in specs.values():
         assert all(model.joint(name).is_actuated for name in spec.joints)
     assert set(specs["joint_trajectory_controller"].joints) == {joint.name for joint in model.actuated_joints}
+
+
+MJCF = """
+<mujoco model="arm">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="base">
+      <geom type="box" size="0.1 0.2 0.3" pos="0.01 0.02 0.03" euler="0.1 0.2 0.3"/>
+      <inertial pos="0.1 0.2 0.3" mass="7" fullinertia="0.3 0.4 0.5 0.01 0.02 0.03"/>
+      <body name="upper" pos="0.1 0.2 0.3" euler="0.4 0.5 0.6">
+        <joint name="turn" axis="0 0.6 0.8" range="-0.5 1.5" actuatorfrcrange="-5 5" damping="0.7" frictionloss="0.3"/>
+        <geom type="cylinder" size="0.05 0.2"/><geom type="sphere" size="0.06" pos="0 0 0.4"/>
+        <body name="finger" pos="0 0 0.5">
+          <joint name="slide" type="slide" axis="1 0 0" range="0.01 0.04"/><geom type="box" size="0.01 0.02 0.03"/>
+          <body name="other" pos="0.1 0 0">
+            <joint name="follow" type="slide" axis="-1 0 0" range="0 0.05"/><geom type="box" size="0.01 0.02 0.04"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="follow" joint2="slide" polycoef="0.001 0.9 0 0 0"/></equality>
+</mujoco>
+"""
+
+
+def test_the_description_of_a_robot_that_is_no_urdf_has_all_of_its_numbers(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(MJCF, encoding="utf-8")
+    model = load_model(tmp_path / "arm.xml")
+    (tmp_path / "arm.urdf").write_text(description_of(model), encoding="utf-8")
+    found = load_model(tmp_path / "arm.urdf")
+    for link, other in zip(model.links, found.links, strict=True):
+        assert (link.name, link.inertia is None) == (other.name, other.inertia is None)
+        assert other.inertia.mass_kg == pytest.approx(link.inertia.mass_kg)
+        assert other.inertia.center == pytest.approx(link.inertia.center)
+        assert other.inertia.tensor == pytest.approx(link.inertia.tensor, abs=1e-9)
+        shapes = zip(link.geometry.collision_shapes, other.geometry.collision_shapes, strict=True)
+        for shape, read in shapes:
+            assert (read.type, read.size) == (shape.type, pytest.approx(shape.size))
+            assert read.pose.position == pytest.approx(shape.pose.position)
+            assert read.pose.quaternion == pytest.approx(shape.pose.quaternion)
+    for joint, read in zip(model.joints, found.joints, strict=True):
+        fields = ("name", "type", "parent", "child", "lower", "upper", "damping", "friction", "mimic")
+        assert [getattr(read, name) for name in fields] == [getattr(joint, name) for name in fields]
+        assert read.axis == pytest.approx(joint.axis)
+        assert read.origin.position == pytest.approx(joint.origin.position)
+        assert read.origin.quaternion == pytest.approx(joint.origin.quaternion)
+    assert found.joint("turn").effort == 5.0
 
 
 def test_a_robot_that_is_no_urdf_is_described_as_one(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
+from mindstage.robots import find_robot
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
@@ -90,4 +91,4 @@ def test_a_sequence_of_a_program_for_real_robots_is_carried_out(
             found = {name: positions[name] for name in step["joints"]}
             assert found == pytest.approx(step["joints"], abs=step["within"])
         else:
-            assert robot_simulation.robot().base_pose() == pytest.approx(step["base"], abs=step["within"])
+            assert find_robot(robot_simulation).base_pose() == pytest.approx(step["base"], abs=step["within"])

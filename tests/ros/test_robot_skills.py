@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from mindstage.robots import find_robot
 from mindstage.robots.skills.catalog import SKILLS
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
@@ -67,7 +68,7 @@ def test_a_skill_that_fails_says_why_and_what_to_try(robot_client: RobotClient) 
 
 
 def test_a_canceled_skill_stops_the_robot(robot_client: RobotClient, robot_simulation: Simulation) -> None:
-    robot = robot_simulation.robot()
+    robot = find_robot(robot_simulation)
     before = robot.base_pose()
     goal = perform(robot_client, "go_to", args={"x": -0.3, "y": -1.8})
     eventually(lambda: robot.base_pose()[1] < before[1] - 0.2)

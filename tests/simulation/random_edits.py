@@ -20,8 +20,9 @@ from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.engines import Engine, SpawnOptions
-from mindstage.episodes import Episode
+from mindstage.episodes import Episode, Recorder
 from mindstage.errors import InvalidArgumentError, MindstageError
+from mindstage.robots import add_robot, find_robot
 from mindstage.scene import Body, BodyId, Iri, Material, Mobility, Pose, World
 from mindstage.scene.transforms import (
     Array,
@@ -124,7 +125,7 @@ class RandomEdits:
             self._copied = seen(self._copy)
             self._episode = folder / "soak.mcap"
             self._episode.unlink(missing_ok=True)
-            self._recorder = self.sim.record(self._episode, rate_hz=10.0)
+            self._recorder = Recorder(self.sim, self._episode, rate_hz=10.0)
 
     @property
     def edits(self) -> Mapping[str, Callable[[random.Random], object]]:
@@ -348,7 +349,7 @@ class RandomEdits:
             return "no robot"
         if self.sim.robots and rng.random() < 0.5:
             name = rng.choice(sorted(self.sim.robots))
-            self.sim.remove_robot(name)
+            find_robot(self.sim, name).remove()
             return f"{name} removed"
         if len(self.sim.robots) > 1:
             return "enough robots"
@@ -417,7 +418,7 @@ class RandomEdits:
 
     def _add_robot(self, rng: random.Random) -> str:
         x, y, yaw = rng.choice(_ROBOT_PLACES)
-        return self.sim.add_robot(self._robot, Pose((x, y, 0.0), (np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))).name
+        return add_robot(self.sim, self._robot, Pose((x, y, 0.0), (np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)))).name
 
     def _check_fresh(self, when: str) -> None:
         """Compares the joints of the running model with those of a new engine that has the snapshot."""

@@ -19,6 +19,7 @@ from msgspec.structs import replace
 
 import mindstage as ms
 from mindstage.access.limits import QUESTION_STATEMENTS
+from mindstage.episodes import Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.errors import MindstageError, QuestionProcessError, QuestionTimeoutError, RequestLimitError
 from mindstage.knowledge.queries import answers_to_builtins, list_questions
@@ -204,7 +205,7 @@ def test_answers_as_objects_are_those_of_the_simulation(kitchen: Simulation, poo
 def test_recorded_episodes_have_the_questions(tmp_path: Path) -> None:
     with ms.open("bundled:kitchen") as simulation, running(simulation, processes=1) as pool:
         in_pool(pool, "where_is", {"thing": "fridge"})  # its answers are kept
-        recorder = simulation.record(tmp_path / "run.mcap")
+        recorder = Recorder(simulation, tmp_path / "run.mcap")
         for _ in range(2):
             in_pool(pool, "where_is", {"thing": "fridge"})
         recorder.stop()
@@ -308,6 +309,7 @@ def test_closing_ends_the_processes_and_refuses_what_waits(kitchen: Simulation) 
 KILLED = """
 import time, mindstage as ms
 from mindstage.simulation.question_pool import QuestionPool
+from mindstage.episodes import Recorder
 simulation = ms.open("bundled:kitchen", engine="null")
 pool = QuestionPool.of(simulation)
 pool.submit("maps", {}, client=0).result.result()

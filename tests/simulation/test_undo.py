@@ -20,6 +20,7 @@ from mindstage.errors import (
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.robots import add_robot, find_robot
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
 from mindstage.scene.transforms import Array
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord
@@ -349,7 +350,7 @@ def test_a_door_beyond_its_limit_is_restored_there(physics: Simulation) -> None:
 
 @pytest.mark.parametrize("link", ["upper_arm_link", "gripper_link", "base_link", "mobile_manipulator.odom"])
 def test_a_robot_stands_again_after_a_deletion_and_some_time(physics: Simulation, link: str) -> None:
-    robot = physics.add_robot("mobile_manipulator", Pose((0.3, -1.5, 0.0)))
+    robot = add_robot(physics, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
     physics.step(0.2)
     before, commands = physics.snapshot(), physics.run_on_engine(lambda engine: engine.actuator_states())
     physics.undo_stack.delete([BodyId(link)])
@@ -380,12 +381,12 @@ def test_bodies_that_move_one_another_are_moved_back(sim: Simulation) -> None:
 
 def test_a_robot_that_cannot_be_added_deletes_nothing(physics: Simulation) -> None:
     for name in ("ann", "bob"):
-        physics.add_robot("mobile_manipulator", Pose((0.3, -1.5 if name == "ann" else 2.5, 0.0)), name=name)
+        add_robot(physics, "mobile_manipulator", Pose((0.3, -1.5 if name == "ann" else 2.5, 0.0)), name=name)
     physics.undo_stack.rename(MUG, "x")
-    physics.remove_robot("bob")
+    find_robot(physics, "bob").remove()
     physics.undo_stack.reset()  # its bodies are there again
     before = set(physics.state.ids)
     with pytest.raises(RobotModelError):
-        physics.add_robot("mobile_manipulator", name="bob")
+        add_robot(physics, "mobile_manipulator", name="bob")
     assert set(physics.state.ids) == before
-    assert physics.add_robot("mobile_manipulator", Pose((-2.0, 0.0, 0.0))).body_ids.isdisjoint(before)
+    assert add_robot(physics, "mobile_manipulator", Pose((-2.0, 0.0, 0.0))).body_ids.isdisjoint(before)

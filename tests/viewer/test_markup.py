@@ -15,6 +15,7 @@ from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.maps import MapFormat, write_map
+from mindstage.robots import add_robot
 from mindstage.scene import BodyId, Iri, Literal, Pose, PropertyAssertion, Tag, World
 from mindstage.simulation import ConnectedClient
 from mindstage.viewer import Viewer
@@ -178,7 +179,7 @@ def test_an_uploaded_map_that_is_refused(tab: PageTab) -> None:
 def test_names_of_robots(open_page: OpenPage) -> None:
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
-        simulation.add_robot("mobile_manipulator", Pose((0.0, -1.2, 0.0)), name=markup("robot"))
+        add_robot(simulation, "mobile_manipulator", Pose((0.0, -1.2, 0.0)), name=markup("robot"))
         with Viewer(simulation, port=0) as viewer:
             tab = open_page(viewer, view=False)
             tab.open_panel("robot")

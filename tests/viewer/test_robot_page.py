@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
+from mindstage.robots import add_robot, find_robot
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import SKILLS
 from mindstage.scene import Pose
@@ -29,7 +30,7 @@ NAME = "mobile_manipulator"
 def simulation() -> Iterator[Simulation]:
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
         simulation.spawn(kitchenette())
-        simulation.add_robot(NAME, Pose((*START, 0.0)))
+        add_robot(simulation, NAME, Pose((*START, 0.0)))
         simulation.mark_start()
         yield simulation
 
@@ -44,7 +45,7 @@ def viewer(simulation: Simulation) -> Iterator[Viewer]:
 def robot(simulation: Simulation) -> Iterator[Robot]:
     simulation.reset()
     simulation.play()
-    yield simulation.robot(NAME)
+    yield find_robot(simulation, NAME)
     simulation.pause()
 
 
@@ -186,8 +187,8 @@ def test_robots_are_added_on_the_free_floor_and_removed(tab: PageTab, simulation
     tab.page.locator("[data-role=robot-model]").select_option(NAME)
     tab.click_button("add-robot")
     wait_until(lambda: len(simulation.robots) == 2, "there are two")
-    added = simulation.robot(f"{NAME}_2")
-    assert np.linalg.norm(np.subtract(added.base_pose()[:2], simulation.robot(NAME).base_pose()[:2])) > 0.5
+    added = find_robot(simulation, f"{NAME}_2")
+    assert np.linalg.norm(np.subtract(added.base_pose()[:2], find_robot(simulation, NAME).base_pose()[:2])) > 0.5
     simulation.step(0.2)
     wait_until(lambda: added.name in tab.page.locator("[data-role=robot]").input_value(), "it is chosen")
     assert not simulation.run_on_engine(
@@ -240,7 +241,7 @@ def test_an_engine_without_actuators_shows_robots_and_refuses_motions() -> None:
             page = FakePage(viewer.channel)
             name = page.ask("robots.add", model=NAME, at=[0.0, -1.2, 0.5])
             assert [each["name"] for each in page.latest_value("robots")] == [name]
-            assert simulation.robot(name).base_pose() == pytest.approx((0.0, -1.2, 0.5))
+            assert find_robot(simulation, name).base_pose() == pytest.approx((0.0, -1.2, 0.5))
             with pytest.raises(RequestFailedError, match="no actuators"):
                 page.ask("robots.move_joint", robot=name, joint="head_pan_joint", position=0.1)
             page.ask("robots.remove", robot=name)

@@ -11,23 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
+    LOCAL_SERVER,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     Ground,
     MapArguments,
-    MapName,
-    MapReading,
+    MapSpawning,
     Port,
-    PrimitiveShapes,
+    ServerOptions,
     Strict,
-    TlsCertificateFile,
-    TlsKeyFile,
-    ViewerHost,
-    ViewerToken,
-    VisitorLimitOptions,
 )
 from mindstage.cli.output import (
     print_json,
@@ -37,9 +30,8 @@ from mindstage.cli.output import (
     progress_spinner,
     step_with_progress,
 )
-from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
-from mindstage.cli.viewer import LOOPBACK, server_access, show_page
+from mindstage.cli.viewer import server_access, show_page
 from mindstage.errors import EpisodeFileError
 from mindstage.ranges import Frequency, WallTime
 
@@ -77,45 +69,34 @@ def record(
     out: OutputFile,
     seconds: SimulatedSeconds = None,
     rate: Rate = 30.0,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    primitive_shapes: PrimitiveShapes = False,
     ground: Ground = True,
-    engine: EngineName = "mujoco",
     with_viewer: WithViewer = False,
     port: Port = None,
-    host: ViewerHost = LOOPBACK,
-    token: ViewerToken = None,
-    tls_cert: TlsCertificateFile = None,
-    tls_key: TlsKeyFile = None,
-    limits: VisitorLimitOptions = None,
+    server: ServerOptions = LOCAL_SERVER,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Spawn a map, simulate it, and record an episode; exit 1 if anything could not be spawned or is not at rest.
 
     What is older than a second is in the file even if the process is killed.
     """
+    from mindstage.episodes import Recorder
     from mindstage.simulation.observation import as_client
 
     if out.exists():  # before the map is read
         raise EpisodeFileError(str(out), cause="it exists", remedy="delete it, or choose another name")
-    access = server_access(host, token, tls_cert, tls_key, limits)
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    access = server_access(server)
     with (
         as_client("command line", trusted=True),
-        spawned_map(
-            maps, map_name, running, reading=reading, strict=strict, assets=assets, primitive_shapes=primitive_shapes,
-            ground=ground,
-        ) as spawned,
-    ):  # fmt: skip
+        spawned_map(maps, options, strict=strict, ground=ground) as spawned,
+    ):
         simulation = spawned.simulation
         if not as_json:
             spawned.print()
         with ExitStack() as ending:
             with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
-                recorder = ending.enter_context(simulation.record(out, rate_hz=rate))
+                recorder = ending.enter_context(Recorder(simulation, out, rate_hz=rate))
             if with_viewer:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json

@@ -43,6 +43,7 @@ from mindstage.errors import EpisodeError, EpisodeFileError, MapWriteError, Mind
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps.io.write import write_map
 from mindstage.ranges import Frequency, checked
+from mindstage.robots import robots_of
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
 from mindstage.simulation.observation import SKILL_EDIT, as_client
 
@@ -84,33 +85,6 @@ class RecordedState(Protocol):
         """N x 7, in the order of `ids`."""
 
 
-class RecordedJoint(Protocol):
-    """The part of `robots.robot.JointState` that is recorded."""
-
-    @property
-    def position(self) -> float:
-        """[m or rad]."""
-
-    @property
-    def velocity(self) -> float:
-        """[m/s or rad/s]."""
-
-    @property
-    def effort(self) -> float:
-        """[N or Nm]."""
-
-
-class RecordedRobot(Protocol):
-    """The part of `Robot` that is recorded."""
-
-    @property
-    def joint_ids(self) -> Mapping[str, BodyId]:
-        """The id of each joint in the world."""
-
-    def read_joint_states(self, engine: Engine) -> Mapping[str, RecordedJoint]:
-        """The state of each joint that moves; called in the engine thread."""
-
-
 class RecordedSimulation(Protocol):
     """The part of `Simulation` that a recorder uses."""
 
@@ -137,7 +111,7 @@ class RecordedSimulation(Protocol):
         """Dynamic bodies that are simulated as static ones."""
 
     @property
-    def robots(self) -> Mapping[str, RecordedRobot]:
+    def robots(self) -> Mapping[str, object]:
         """The robots by name."""
 
     def run_on_engine(self, function: Callable[[Engine], T], *, label: str = "") -> T:
@@ -148,6 +122,9 @@ class RecordedSimulation(Protocol):
 
     def on_close(self, callback: Callable[[], None]) -> None:
         """Registers a callback that is called before the simulation is closed."""
+
+    def keep_recorder(self, recorder: object) -> None:
+        """Makes what a recorder has recorded so far the episode that questions are about."""
 
 
 class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -206,7 +183,6 @@ class Recorder:
         """Starts to record; the state at this time is the first frame.
 
         Args:
-            simulation: the simulation.
             path: the file to write, ending with ".mcap".
             rate_hz: frames per simulated second. Edits are recorded when they are made.
             events: whether events are detected while it records; otherwise whoever reads the file detects them.
@@ -259,6 +235,7 @@ class Recorder:
             self._end()
             raise
         simulation.on_close(self.stop)
+        simulation.keep_recorder(self)
 
     @property
     def recording(self) -> bool:
@@ -372,8 +349,6 @@ class Recorder:
         """Records a published state if a frame is due.
 
         Args:
-            state: the state.
-            engine: the engine.
             edited: whether anything but poses may have changed.
             rebuild_pending: whether reading joints and contacts would make the engine rebuild its model.
         """
@@ -464,7 +439,7 @@ class Recorder:
         if last is not None and (rebuild_pending or (moved is not None and not len(moved))):
             return last.drives
         found = {}
-        for robot in self._simulation.robots.values():
+        for robot in robots_of(self._simulation).values():
             for name, state in robot.read_joint_states(engine).items():
                 row = (state.position, state.velocity, state.effort)
                 found[str(robot.joint_ids[name])] = DriveState(*map(round, row, _DRIVE_DIGITS))
@@ -531,7 +506,6 @@ class RecordingFolder:
         """Records nothing before `start`.
 
         Args:
-            simulation: the simulation.
             folder: created with the first recording, if it does not exist.
         """
         self.folder = folder

@@ -58,11 +58,7 @@ class PlanPredicates:
         """
         arguments = trial_options(options, "evaluate_plan")
         with physical_simulation(self._simulation) as simulation:
-            file = plan_from_term(plan)
-            if isinstance(file, PlanFile):
-                file.validate(simulation)
-            tried = file.plan if isinstance(file, PlanFile) else file
-            verdict = evaluate_plan(simulation, tried, **arguments)
+            verdict = evaluate_plan(simulation, plan_from_term(plan), **arguments)
         probability = Atom("unknown") if verdict.probability is None else verdict.probability
         return Compound("verdict", (Atom(verdict.outcome.value), probability, verdict.samples, Atom(str(verdict))))
 

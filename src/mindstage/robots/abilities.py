@@ -21,6 +21,7 @@ from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     MissingKnowledge,
     QuestionContext,
@@ -58,7 +59,7 @@ _ON_CAPABILITY, _ON_COMPONENT = capability_class("dependsOnCapability"), compone
 _SUB_ACTION, _SKILL = knowrob("subAction"), ms("skill")
 _ACTION = knowrob("Action")
 _NO_ACTIONS = frozenset({capability_class("Capability"), component_class("Component")})
-_MAX_NAMED = 5
+_SHOWN_NAMES = 5
 
 
 class RequirementKind(StrEnum):
@@ -380,16 +381,14 @@ def _explain_ability(kb: QuestionContext, row: AbilityRow) -> Iterator[str]:
 
 
 @can.missing
-def _missing_ability(
-    kb: QuestionContext, robot: str | None = None, action: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
+def _missing_ability(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     rules = _Rules.of(kb)
-    profiles = list(_profiles(kb, present, robot))
-    if (unknown := _unknown(rules, profiles, action)) is not None:
+    profiles = list(_profiles(kb, asked.present, asked.robot))
+    if (unknown := _unknown(rules, profiles, asked.action)) is not None:
         yield unknown
         return
     for profile in profiles:
-        for each in rules.known_actions() if action is None else (action,):
+        for each in rules.known_actions() if asked.action is None else (asked.action,):
             for lack in rules.lacks(profile, each):
                 reason = f"{profile.name} cannot do {local_name(each)}: {lack.reason}"
                 if lack.needed_by != each:
@@ -415,7 +414,7 @@ def _no_robot() -> MissingKnowledge:
 
 def _unstated(rules: _Rules, action: Iri) -> MissingKnowledge:
     """The missing statement about what an action needs, with subclasses that state it."""
-    narrower = [each for each in rules.known_actions() if action in rules.above(each)][:_MAX_NAMED]
+    narrower = [each for each in rules.known_actions() if action in rules.above(each)][:_SHOWN_NAMES]
     hint = f"; ask about {', '.join(map(local_name, narrower))}" if narrower else ""
     reason = f"nothing states what {local_name(action)} needs of a robot{hint}"
     absent = (
@@ -479,20 +478,18 @@ def _explain_lack(kb: QuestionContext, row: LackRow) -> Iterator[str]:
     if row.needed_by != row.action:
         yield f"{local_name(row.action)} needs what {local_name(row.needed_by)} needs"
     yield f"{local_name(row.needed_by)} depends on the {row.kind} {local_name(row.missing)}"
-    narrower = list(rules.classes.children(row.missing))[:_MAX_NAMED]
+    narrower = list(rules.classes.children(row.missing))[:_SHOWN_NAMES]
     kinds = f", nor a {' or '.join(map(local_name, narrower))}" if narrower else ""
     yield f"{row.source} states no {local_name(row.missing)}{kinds}"
 
 
 @missing_for_action.missing
-def _missing_lack(
-    kb: QuestionContext, robot: str | None = None, action: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
+def _missing_lack(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     rules = _Rules.of(kb)
-    profiles = list(_profiles(kb, present, robot))
-    if (unknown := _unknown(rules, profiles, action)) is not None:
+    profiles = list(_profiles(kb, asked.present, asked.robot))
+    if (unknown := _unknown(rules, profiles, asked.action)) is not None:
         yield unknown
         return
-    what = "every action that is described" if action is None else local_name(action)
+    what = "every action that is described" if asked.action is None else local_name(asked.action)
     names = ", ".join(profile.name for profile in profiles)
-    yield MissingKnowledge(action or _ACTION, _ON_COMPONENT, f"nothing: {names} is able to do {what}")
+    yield MissingKnowledge(asked.action or _ACTION, _ON_COMPONENT, f"nothing: {names} is able to do {what}")

@@ -1,6 +1,6 @@
 """A robot in a simulation: its state, and the motions of its joints, grippers and base.
 
-robot = sim.add_robot("mobile_manipulator")
+robot = add_robot(sim, "mobile_manipulator")
 robot.run(robot.driving([(1.0, 0.0, 0.0)]))
 print(robot.joint_positions())
 
@@ -35,13 +35,13 @@ from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot_model import Gripper, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld, robot_world
-from mindstage.scene import IDENTITY, BodyId, Pose
+from mindstage.scene import IDENTITY, BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
-from mindstage.simulation.controllers import ControllerSchedule
+from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
 from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.state import EngineSession, poses_in
 
-__all__ = ["JointState", "Odometry", "Robot", "place_robot"]
+__all__ = ["JointState", "Odometry", "Robot", "RobotSession", "add_robot"]
 
 T = TypeVar("T")
 
@@ -73,6 +73,16 @@ class RobotSession(EngineSession, Protocol):
     def report(self) -> ReportFunction:
         """Reports an edit or a request to observers."""
 
+    @property
+    def robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots by name, except those whose bodies were deleted."""
+
+    def keep_robot(self, robot: SimulatedRobot) -> None:
+        """Adds a robot whose bodies are spawned."""
+
+    def drop_robot(self, robot: SimulatedRobot) -> None:
+        """Deletes a robot with its bodies."""
+
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
     """The state of a joint."""
@@ -100,7 +110,7 @@ class Odometry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Robot:
-    """A robot in a simulation; made by `Simulation.add_robot`."""
+    """A robot in a simulation; made by `add_robot`."""
 
     def __init__(
         self,
@@ -112,7 +122,7 @@ class Robot:
         controller: RobotController,
         report: SpawnReport,
     ) -> None:
-        """See `place_robot`.
+        """See `add_robot`.
 
         Args:
             name: its name in the simulation.
@@ -120,7 +130,6 @@ class Robot:
             placed: its bodies and joints.
             session: the simulation.
             controller: what commands its actuators.
-            report: of its spawn.
         """
         self.name = name
         self.model = model
@@ -588,6 +597,10 @@ class Robot:
         """The name of its controller in the simulation."""
         return f"robot {self.name}"
 
+    def remove(self) -> None:
+        """Deletes it with its bodies."""
+        self.session.drop_robot(self)
+
     def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
 
@@ -624,24 +637,23 @@ def contact_free_pairs(model: RobotModel, placed: RobotWorld) -> frozenset[tuple
     return frozenset((placed.link_ids[a], placed.link_ids[b]) for a, b in model.disabled_collisions)
 
 
-def place_robot(
+def add_robot(
     session: RobotSession,
     source: str | PathLike[str] | RobotModel,
-    pose: Pose = IDENTITY,
+    pose: PoseLike = IDENTITY,
     *,
     name: str = "",
-    names: Iterable[str] = (),
-    xacro: bool | None = False,
+    xacro: bool | None = None,
 ) -> Robot:
-    """Spawns a robot; its actuators are added by `Simulation.add_robot`.
+    """Spawns a robot with its drives: `add_robot(sim, "mobile_manipulator")`.
 
     Args:
         session: the simulation.
-        source: the name of a known model, the path of a description, or a model.
-        pose: where it stands, in the world frame.
-        name: its name; by default that of the model.
-        names: the names of the robots that exist.
-        xacro: see `load_model`.
+        source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
+        pose: where it stands on the floor, in the world frame.
+        name: its name; by default that of the model, numbered if there are several.
+        xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
+            Give False for a source that the user has not chosen.
 
     Raises:
         RobotNotFoundError: no model has that name.
@@ -652,7 +664,7 @@ def place_robot(
         if isinstance(source, RobotModel)
         else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro)
     )
-    taken = set(names)
+    taken = set(session.robots)
     if not name:
         numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in count(1))
         prefixes = {id.partition(".")[0] for id in session.state.ids if "." in id}
@@ -675,4 +687,6 @@ def place_robot(
             remedy="correct the description",
         )
     controller = RobotController(drives_of(model, placed, name=name))
-    return Robot(name, model, placed, session=session, controller=controller, report=report)
+    robot = Robot(name, model, placed, session=session, controller=controller, report=report)
+    session.keep_robot(robot)
+    return robot

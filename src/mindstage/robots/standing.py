@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 import os
-from typing import Protocol
 
 from mindstage.errors import CommandRefusedError
 from mindstage.ranges import Coordinate, checked
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot import Robot
+from mindstage.robots.robot import Robot, RobotSession, add_robot
 from mindstage.robots.robot_model import RobotModel
-from mindstage.scene import GeometryMap, Pose, World
+from mindstage.scene import Pose
 from mindstage.scene.floor_plan import find_floor, free_floor_place
 from mindstage.scene.proximity import BodyBoxes
 
-__all__ = ["PlacementSession", "add_standing_robot"]
+__all__ = ["add_standing_robot"]
 
 _HEIGHT_M = 2.0
 """A robot does not begin below lower things, such as wall cupboards [m]."""
@@ -23,23 +22,9 @@ _FIXED_RADIUS_M = 0.3
 """Of a robot whose description has no radius [m]."""
 
 
-class PlacementSession(Protocol):
-    """The part of `Simulation` to which robots are added."""
-
-    @property
-    def geometry(self) -> GeometryMap:
-        """The geometry of the bodies that exist."""
-
-    def snapshot(self) -> World:
-        """The current state as a world."""
-
-    def add_robot(self, source: str | os.PathLike[str] | RobotModel, pose: Pose = ..., *, name: str = "") -> Robot:
-        """Spawns a robot with its drives."""
-
-
 @checked
 def add_standing_robot(
-    session: PlacementSession,
+    session: RobotSession,
     source: str | os.PathLike[str] | RobotModel,
     place: tuple[Coordinate, Coordinate, Coordinate] | None = None,
     *,
@@ -56,7 +41,7 @@ def add_standing_robot(
             everything else.
         near: x, y [m] of a point; the free place is then the nearest one to it.
         name: its name; by default that of the model.
-        xacro: see `Simulation.add_robot`; by default nothing is expanded.
+        xacro: see `add_robot`; by default nothing is expanded.
 
     Raises:
         RobotNotFoundError: no model has that name.
@@ -75,4 +60,4 @@ def add_standing_robot(
             raise CommandRefusedError(name or model.name, command="to stand", cause=cause, remedy="name a place")
         (x, y, level), yaw = found, 0.0
     pose = Pose((x, y, level), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
-    return session.add_robot(model, pose, name=name)
+    return add_robot(session, model, pose, name=name)

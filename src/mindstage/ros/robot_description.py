@@ -20,6 +20,7 @@ from mindstage.bridge import Node
 from mindstage.errors import MindstageError
 from mindstage.msgs import RosVersion, std_msgs
 from mindstage.rdf.vocabulary import URDF_TEXT
+from mindstage.robots import robots_of
 from mindstage.robots.robot_model import RobotJoint, RobotModel
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
@@ -56,7 +57,7 @@ __all__ = [
 ]
 
 _DEFAULT_SIZE_M: Vector = (0.05, 0.05, 0.05)
-_GRAY: Color = (0.7, 0.7, 0.7)
+_DEFAULT_COLOR: Color = (0.7, 0.7, 0.7)
 _UNBOUNDED = 1000.0
 """Limit of efforts [N or Nm], velocities [m/s or rad/s] and free translations [m]."""
 _ROUND_TOLERANCE = 0.01
@@ -121,7 +122,7 @@ def entity_description(state_reader: StateReader, entity: World) -> str:
 def robot_entities(simulation: Simulation) -> dict[str, World]:
     """Returns the robots without drives that were spawned after the start and exist, by the id of their root body."""
     start, present = simulation.start_ids, frozenset(simulation.state.ids)
-    driven = frozenset(id for robot in simulation.robots.values() for id in robot.link_ids.values())
+    driven = frozenset(id for robot in robots_of(simulation).values() for id in robot.link_ids.values())
     return {
         world.bodies[0].id: world
         for world in simulation.worlds
@@ -205,7 +206,7 @@ class DescriptionPublisher:
 
     def _default_description(self) -> str:
         """Returns the description of the robot without a namespace, or that of the place if there is none."""
-        robots = self._state_reader.simulation.robots
+        robots = robots_of(self._state_reader.simulation)
         for name, namespace in self._state_reader.robot_namespaces().items():
             if not namespace and name in robots:
                 return robot_description(robots[name])
@@ -244,7 +245,7 @@ class _Writer:
             world.bodies, state_reader.frame_names.assign(body.id for body in world.bodies), strict=True
         ):
             self._bodies[frame] = body
-        robots = state_reader.simulation.robots.values()
+        robots = robots_of(state_reader.simulation).values()
         parts = {body.id for robot in robots for body in robot.placed.world.bodies}
         self._of_robots = {frame for frame, body in self._bodies.items() if body.id in parts}
         self._geometry: GeometryMap = state_reader.simulation.geometry
@@ -357,7 +358,7 @@ def _shapes(body: Body, geometry: BodyGeometry | None) -> Iterable[CollisionShap
 
 def _color(body: Body, geometry: BodyGeometry | None) -> Color:
     if body.color is not None or geometry is None or not geometry.visuals:
-        return body.color or _GRAY
+        return body.color or _DEFAULT_COLOR
     return geometry.visuals[0].material.color
 
 

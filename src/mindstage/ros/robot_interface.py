@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from mindstage.errors import MindstageError
 from mindstage.msgs import builtin_interfaces, sensor_msgs, std_msgs
+from mindstage.robots import robots_of
 from mindstage.ros.endpoints import Endpoints
 from mindstage.ros.robot_description import robot_description
 from mindstage.ros.robot_skills import RobotSkills
@@ -137,7 +138,7 @@ class RobotInterfaces:
 
     def _update(self, *, raises: bool) -> None:
         self._version = self._state_reader.version()
-        namespaces, robots = self._state_reader.robot_namespaces(), self._state_reader.simulation.robots
+        namespaces, robots = self._state_reader.robot_namespaces(), robots_of(self._state_reader.simulation)
         for name, interface in list(self._interfaces.items()):
             if robots.get(name) is not interface.robot:
                 self._interfaces.pop(name).close()

@@ -19,6 +19,7 @@ from mindstage.access.policies import GOAL, READ, SPAWN
 from mindstage.bridge.conversions import pose_from_message
 from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
 from mindstage.msgs import mindstage_msgs as wire
+from mindstage.robots import find_robot
 from mindstage.ros.queries import parse_arguments
 from mindstage.ros.service import ActionSpec, GoalAbortedError, GoalCanceledError, GoalContext, ServiceSpec
 from mindstage.simulation import Simulation
@@ -53,7 +54,6 @@ class RobotSkills:
         """Offers nothing yet.
 
         Args:
-            simulation: the simulation.
             find_file: returns a file that clients may read, by the name that they give; None if there is none.
             on_added: called after a robot was added.
         """
@@ -94,6 +94,7 @@ class RobotSkills:
     def add_robot(self, request: wire.AddRobot.Request) -> wire.AddRobot.Response:
         """Adds a robot; a description that cannot be used is refused with the reason."""
         from mindstage.robots.models.catalog import list_models
+        from mindstage.robots.robot import add_robot
 
         path = self._find_file(request.source)
         source: str | Path = path or request.source
@@ -103,20 +104,20 @@ class RobotSkills:
                 "mindstage_msgs/AddRobotRequest", path="source", cause=cause, remedy="try mobile_manipulator"
             )
         try:
-            robot = self._simulation.add_robot(source, pose_from_message(request.pose), name=request.name, xacro=False)
+            robot = add_robot(self._simulation, source, pose_from_message(request.pose), name=request.name, xacro=False)
         except RobotError as error:
             text = str(error) if path is None else str(error).replace(str(path), request.source)
             return wire.AddRobot.Response(refusal=wire.Refusal(code=error.code, text=text))
         self._on_added()
         notes = tuple(f"{note.subject}: {note.text}" if note.subject else note.text for note in robot.model.notes)
-        return wire.AddRobot.Response(success=True, name=robot.name, notes=notes)
+        rebuild_s = self._simulation.state.expected_rebuild_s
+        return wire.AddRobot.Response(success=True, name=robot.name, notes=notes, expected_rebuild_s=rebuild_s)
 
     def perform(self, skill: str, goal: wire.Perform.Goal, context: GoalContext) -> wire.Perform.Result:
         """Performs a skill.
 
         Args:
             skill: its name; empty for that in the goal.
-            goal: the goal.
             context: its cancellation and feedback.
 
         Raises:
@@ -131,7 +132,7 @@ class RobotSkills:
             if skill and name != skill:
                 cause = f"this action is for {skill}, not {name}"
                 raise MessageValidationError("mindstage_msgs/PerformGoal", path="skill", cause=cause)
-            robot = self._simulation.robot(goal.robot)
+            robot = find_robot(self._simulation, goal.robot)
             deadline_s = goal.deadline_s if goal.deadline_s > 0.0 else None
             args = parse_arguments(goal.args)
             motion = start_skill(robot, name, args, deadline_s=deadline_s, on_step=steps.append)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from mindstage.engines import PoseArray
 from mindstage.errors import BodyNotFoundError
+from mindstage.robots import robots_of
 from mindstage.ros.frames import WORLD_FRAMES, FrameNames, FrameTree, RobotFrames
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
@@ -60,7 +61,6 @@ def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
     """Returns the frames of the links of a robot.
 
     Args:
-        robot: the robot.
         namespace: the namespace of its names in ROS; empty for none.
     """
     model, ids = robot.model, robot.link_ids
@@ -83,7 +83,6 @@ class StateReader:
         """Reads nothing yet.
 
         Args:
-            simulation: the simulation.
             has_root: whether one robot may have names without a namespace; the place itself has such names otherwise.
         """
         self.simulation = simulation
@@ -108,7 +107,7 @@ class StateReader:
 
     def robot_bases(self) -> frozenset[BodyId]:
         """Returns the bodies of the root links of all robots."""
-        return frozenset(each.link_ids[each.model.root] for each in self.simulation.robots.values())
+        return frozenset(each.link_ids[each.model.root] for each in robots_of(self.simulation).values())
 
     def row_by_id(self, snapshot: StateSnapshot) -> dict[BodyId, int]:
         """Returns the row of each body in the poses of a snapshot."""
@@ -198,7 +197,7 @@ class StateReader:
 
     def robot_joints(self) -> dict[str, frozenset[BodyId]]:
         """Returns the joints of each robot, which have topics of their own."""
-        robots = self.simulation.robots.items()
+        robots = robots_of(self.simulation).items()
         return {name: frozenset(joint.id for joint in robot.placed.world.joints) for name, robot in robots}
 
     def frame_tree(self, *, now_s: float | None = None) -> FrameTree:
@@ -210,7 +209,7 @@ class StateReader:
         self.state()  # raises the error of an engine that has failed
         version, tree = self.version(), self._tree
         if tree is None or (tree[0] != version and (now_s is None or now_s - tree[1] >= _TREE_INTERVAL_S)):
-            namespaces, robots = self.robot_namespaces(), self.simulation.robots
+            namespaces, robots = self.robot_namespaces(), robots_of(self.simulation)
             frames = [robot_frames(robots[name], space) for name, space in namespaces.items() if name in robots]
             computed = FrameTree(self.world(), self.simulation.worlds, self.frame_names, frames)
             self._tree = tree = (version, now_s or 0.0, computed)

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         Mobility,
         NamedResource,
         Pose,
+        PoseLike,
         PrimitiveShape,
         PrimitiveType,
         PropertyAssertion,
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
         Tag,
         Vector,
         World,
+        as_pose,
     )
 
 __all__ = [
@@ -89,6 +91,7 @@ __all__ = [
     "NamedResource",
     "PbrMaterial",
     "Pose",
+    "PoseLike",
     "PrimitiveShape",
     "PrimitiveType",
     "PropertyAssertion",
@@ -101,6 +104,7 @@ __all__ = [
     "VisualMesh",
     "World",
     "WorldDiff",
+    "as_pose",
     "diff",
 ]
 

@@ -3,12 +3,12 @@
 from mindstage.engines.base import EngineStats, SpawnNoteKind
 from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
 from mindstage.simulation.image import SimulationImage
-from mindstage.simulation.imagined import ForkOrigin, TrialOptions, TrialResult
+from mindstage.simulation.imagined import ForkOrigin
 from mindstage.simulation.interaction import JointAxisState, JointHandle
 from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
 from mindstage.simulation.observation import ClientDirectory, ConnectedClient
 from mindstage.simulation.simulation import Simulation
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import SimulationBody, StateSnapshot
 from mindstage.simulation.undo import SpawnRecord, UndoHistory, UndoStack
 
 __all__ = [
@@ -24,14 +24,15 @@ __all__ = [
     "Marker",
     "MarkerType",
     "Simulation",
+    "SimulationBody",
     "SimulationImage",
     "SimulationJoint",
     "SpawnNoteKind",
     "SpawnRecord",
     "StateSnapshot",
-    "TrialOptions",
-    "TrialResult",
     "UndoHistory",
     "UndoStack",
     "UnhighlightedItem",
 ]
+
+__dir__ = __all__.copy

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from traceback import format_exception_only
-from typing import Protocol, TypeVar
+from typing import Any, Protocol
 
 from mindstage.access.limits import CONTROLLER_PERIOD
+from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import Engine
-from mindstage.errors import EngineError, RobotNotFoundError, SimulationFaultError
+from mindstage.errors import EngineError, SimulationFaultError
+from mindstage.scene import BodyId
 
-__all__ = ["EARLY_S", "Controller", "ControllerSchedule", "fault_error", "find_robot"]
-
-R = TypeVar("R")
+__all__ = ["EARLY_S", "Controller", "ControllerSchedule", "SimulatedRobot", "fault_error"]
 
 EARLY_S = 1e-9
 """A time that is so little before that of an update counts as equal [s]."""
@@ -142,21 +142,42 @@ class ControllerSchedule:
         return copied
 
 
+class ActuatorController(Controller, Protocol):
+    """A controller that has actuators of its own."""
+
+    def connect(self, engine: Engine, *, is_new: bool = False) -> None:
+        """Adds its actuators to an engine; called in the engine thread."""
+
+
+class SimulatedRobot(Protocol):
+    """The part of `mindstage.robots.Robot` that a simulation uses."""
+
+    name: str
+
+    @property
+    def controller(self) -> ActuatorController:
+        """What commands its actuators."""
+
+    @property
+    def controller_name(self) -> str:
+        """The name of its controller in the simulation."""
+
+    @property
+    def body_ids(self) -> frozenset[BodyId]:
+        """All of its bodies."""
+
+    @property
+    def exists(self) -> bool:
+        """Whether its bodies are in the simulation."""
+
+    def actuated_bodies(self) -> ActuatedBodies:
+        """Its actuators as a file has them."""
+
+    def in_copy(self, session: Any, controllers: ControllerSchedule) -> SimulatedRobot:
+        """The same robot in a copy of its simulation."""
+
+
 def fault_error(source: str, error: BaseException, *, remedy: str) -> SimulationFaultError:
     """The error of something that raised an exception in the engine thread."""
     cause = format_exception_only(error)[-1].strip()  # unlike `str`, it does not raise what the exception raises
     return SimulationFaultError(source, cause=cause, remedy=remedy)
-
-
-def find_robot(robots: Mapping[str, R], name: str) -> R:
-    """The robot of a name; without a name the only one.
-
-    Raises:
-        RobotNotFoundError: there is no robot of that name, or not exactly one and no name is given.
-    """
-    if not name and len(robots) == 1:
-        return next(iter(robots.values()))
-    if name not in robots:
-        known = f"there is {', '.join(robots)}" if robots else "add one with `add_robot`"
-        raise RobotNotFoundError(name, remedy=known if name or not robots else f"give a name: {known}")
-    return robots[name]

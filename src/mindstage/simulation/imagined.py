@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Container, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypedDict, cast
+from typing import Any, cast
 
 import msgspec
 import numpy as np
@@ -36,8 +36,6 @@ from mindstage.simulation.undo import SpawnRecord
 __all__ = [
     "EditRecordingEngine",
     "ForkOrigin",
-    "TrialOptions",
-    "TrialResult",
     "commit_edits",
     "copied_engine",
     "match_world",
@@ -76,52 +74,6 @@ class ForkOrigin:
         if state.revision != self.revision:
             return "it was edited meanwhile"
         return ""
-
-
-class TrialOptions(TypedDict, total=False):
-    """The optional arguments of `Simulation.try_first`, which are described at `mindstage.try_first`."""
-
-    certain: bool
-    check: Any
-    uncertainty: Iterable[Any]
-    samples: int
-    seed: int
-    budget_s: float
-    workers: Any
-    progress: Callable[[Any], object]
-    cancel: Callable[[], bool]
-    on_verdict: Callable[[Any], object]
-    on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None
-    on_step: Callable[[Any], object] | None
-
-
-class TrialResult(Protocol):
-    """What a trial predicted, and what happened if its plan was then done; truthy if it was done and succeeded."""
-
-    @property
-    def verdict(self) -> Any:
-        """The `mindstage.imagination.Verdict` of the trial."""
-
-    @property
-    def at_least(self) -> float:
-        """The required probability."""
-
-    @property
-    def result(self) -> Any:
-        """What happened in the simulation, a `mindstage.imagination.SampleResult`; None if nothing was done."""
-
-    @property
-    def reason(self) -> str:
-        """Why nothing was done; empty if the plan was done."""
-
-    @property
-    def acted(self) -> bool:
-        """Whether the plan was done, with success or not."""
-
-    def __bool__(self) -> bool: ...
-
-    def to_dict(self) -> dict[str, Any]:
-        """The result as plain data."""
 
 
 Edit = Callable[[EngineSession], object]

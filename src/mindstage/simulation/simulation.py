@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar, Unpack, overload
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import msgspec
 from msgspec.structs import replace
@@ -47,21 +47,18 @@ from mindstage.knowledge.over_time import argument_names, ask_over_time, recorde
 from mindstage.knowledge.queries import AnswerRow, Answers, Question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
-from mindstage.lazy_names import registered_function
-from mindstage.ranges import Coordinate, Fraction, Frequency, Point, Size, Time, checked
+from mindstage.ranges import Coordinate, Point, Size, Time, checked
 from mindstage.rdf import SparqlResult
-from mindstage.scene import IDENTITY, Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, World
+from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
-from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, fault_error, find_robot
+from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, SimulatedRobot, fault_error
 from mindstage.simulation.engine_thread import DirectCalls, EngineThread, LateEndCallbacks, RealTimeClock, TickDelay
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import HighlightResult, Highlights, Marker, MarkerStore, highlight_request
 from mindstage.simulation.imagined import (
     EditRecordingEngine,
     ForkOrigin,
-    TrialOptions,
-    TrialResult,
     commit_edits,
     copied_engine,
     without_bodies,
@@ -77,16 +74,13 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
-    from mindstage.episodes.recorder import Recorder
     from mindstage.geometry.fit import MeshProvider
     from mindstage.rendering.camera import CameraPose
     from mindstage.rendering.path_tracing import PathTracedPicture, PathTracingSettings
-    from mindstage.robots.robot import Robot
-    from mindstage.robots.robot_model import RobotModel
     from mindstage.saving import FileDialect, FileFormat
 
 __all__ = ["Simulation"]
@@ -164,14 +158,14 @@ class Simulation:
         self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
-        self._robots: Mapping[str, Robot] = {}
+        self._robots: Mapping[str, SimulatedRobot] = {}
         self._highlights = Highlights()
         self._markers = MarkerStore()
         self._caught: type[BaseException] = BaseException if threaded else Exception  # Ctrl-C is not a fault
         self._observers = Observers(on_fault=self._on_fault, caught=self._caught)
         self.report = self._observers.report
         self._controllers = ControllerSchedule(caught=self._caught)
-        self._recorder: Recorder | None = None
+        self._recorder: object | None = None
         self._error = ""
         self._engine_error: EngineError | None = None
         self._fault: SimulationFaultError | None = None
@@ -309,7 +303,7 @@ class Simulation:
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
-        return report
+        return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def check_rest(self) -> tuple[MovedBody, ...]:
         """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
@@ -631,21 +625,9 @@ class Simulation:
         """Registers an observer of states and edits; returns a function that removes it."""
         return self._observers.add(observer)
 
-    @checked
-    def record(self, path: str | os.PathLike[str], *, rate_hz: Frequency = 30.0) -> Recorder:
-        """Records everything that happens from now on in an episode file, until `stop` or the end of the context.
-
-        Args:
-            path: a file that does not exist, ending with ".mcap".
-            rate_hz: frames per simulated second; see `Recorder`.
-
-        Raises:
-            EpisodeFileError: the file exists or cannot be written, or the suffix is another one.
-        """
-        from mindstage.episodes.recorder import Recorder
-
-        self._recorder = Recorder(self, path, rate_hz=rate_hz)
-        return self._recorder
+    def keep_recorder(self, recorder: object) -> None:
+        """Makes what a `mindstage.episodes.Recorder` has recorded so far the episode that questions are about."""
+        self._recorder = recorder
 
     # -- copies --------------------------------------------------------------------------------------------
 
@@ -711,21 +693,6 @@ class Simulation:
                 there.
         """
         return commit_edits(self._engine, self._origin)
-
-    @checked
-    def try_first(self, plan: object, *, at_least: Fraction = 0.9, **options: Unpack[TrialOptions]) -> TrialResult:
-        """Tries a plan in copies, and does it in this simulation only if it is probable enough; see `ms.try_first`.
-
-        Args:
-            plan: the plan, or the path or text of one.
-            at_least: the probability of success that the plan must have.
-            options: the other arguments of `ms.try_first`.
-
-        Raises:
-            PlanError: the plan does not fit the world; nothing was tried.
-        """
-        result: TrialResult = registered_function("Simulation.try_first")(self, plan, at_least=at_least, **options)
-        return result
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to make an equal copy; only copies without a thread can be pickled."""
@@ -835,11 +802,26 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        return place_item(self, item, on=on, into=into, near=near)
+        placed = place_item(self, item, on=on, into=into, near=near)
+        return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def fit_geometry(self, body: Body) -> BodyGeometry | None:
         """The geometry that a body would have, without fitting it to other bodies."""
         return self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
+
+    def body(self, id: str) -> SimulationBody:
+        """A body whose state can be read: `sim.body("cup").pose`.
+
+        Args:
+            id: the id or IRI of a body.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+        """
+        found = find_body(self, id)
+        if found is None:
+            raise BodyNotFoundError(id, known=self.state.ids)
+        return SimulationBody(self, found)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -906,30 +888,11 @@ class Simulation:
 
     # -- robots and controllers ----------------------------------------------------------------------------
 
-    def add_robot(
-        self,
-        source: str | os.PathLike[str] | RobotModel,
-        pose: Pose = IDENTITY,
-        *,
-        name: str = "",
-        xacro: bool | None = None,
-    ) -> Robot:
-        """Spawns a robot with its drives: `sim.add_robot("mobile_manipulator")`.
+    def keep_robot(self, robot: SimulatedRobot) -> None:
+        """Adds a robot whose bodies are spawned; it is copied and reset together with the simulation.
 
-        Args:
-            source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
-            pose: where it stands on the floor, in the world frame.
-            name: its name; by default that of the model, numbered if there are several.
-            xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
-                Give False for a source that the user has not chosen.
-
-        Raises:
-            RobotNotFoundError: no model has that name.
-            RobotModelError: the description cannot be read, or not all of it can be spawned.
+        See `mindstage.robots.add_robot`.
         """
-        from mindstage.robots.robot import place_robot
-
-        robot = place_robot(self, source, pose, name=name, names=self.robots, xacro=xacro)
 
         def connect(engine: Engine) -> None:
             robot.controller.connect(engine, is_new=True)
@@ -938,24 +901,14 @@ class Simulation:
             self._initial_state_is_due = True  # with the actuators
 
         self.run_on_engine(connect, label="add robot", timeout_s=self.timeout_s * 3)
-        return robot
 
     @property
-    def robots(self) -> Mapping[str, Robot]:
-        """The robots by name, except those whose bodies were deleted."""
+    def robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots by name, except those whose bodies were deleted; see `mindstage.robots.robots_of`."""
         return {name: robot for name, robot in self._robots.items() if robot.exists}
 
-    def robot(self, name: str = "") -> Robot:
-        """A robot; without a name the only one.
-
-        Raises:
-            RobotNotFoundError: there is no robot of that name, or not exactly one and no name is given.
-        """
-        return find_robot(self.robots, name)
-
-    def remove_robot(self, name: str = "") -> None:
-        """Deletes a robot, by default the only one; see `robot`."""
-        robot = self.robot(name)
+    def drop_robot(self, robot: SimulatedRobot) -> None:
+        """Deletes a robot with its bodies; see `mindstage.robots.Robot.remove`."""
 
         def remove(engine: Engine) -> None:
             engine.delete(robot.body_ids & set(engine.poses()[0]))
@@ -1218,6 +1171,7 @@ class Simulation:
 
     def _read_state(self) -> StateSnapshot:
         ids, poses = self._engine.poses()
+        poses.flags.writeable = False
         clock, highlights = self._clock, self._engine.highlights()
         return StateSnapshot(
             time_s=self._engine.time_s,

@@ -26,6 +26,7 @@ from mindstage.access.resources import without_paths
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, MindstageError
 from mindstage.knowledge.names import EntityType
 from mindstage.ranges import Angle, Coordinate
+from mindstage.robots import find_robot, robots_of
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.robot import Robot
@@ -264,8 +265,6 @@ class _GripperHandle:
 
         Args:
             server: the server of the scene.
-            robot: the robot.
-            arm: the arm.
             on_drag: called in a thread of the server after each motion of the handle.
         """
         self.robot, self.arm = robot, arm
@@ -378,11 +377,11 @@ class RobotHandler:
         """Publishes the robots and their states; called several times a second."""
         self._publish_robots()
         if self._channel.sessions:
-            robots = self._simulation.robots
+            robots = robots_of(self._simulation)
             self._channel.publish("robot_states", {name: self._state(robot) for name, robot in robots.items()})
 
     def _publish_robots(self) -> None:
-        robots = self._simulation.robots
+        robots = robots_of(self._simulation)
         self._channel.publish("robots", [_described(robot) for robot in robots.values()])
         for key in [key for key in (*self._handles, *self._regions) if key[0] not in robots]:
             self._hide(key)
@@ -437,11 +436,11 @@ class RobotHandler:
     def _remove(self, _: ClientSession, request: RobotRequest) -> None:
         robot = self._robot(request.robot)
         self._cancel(robot)
-        self._simulation.remove_robot(robot.name)
+        robot.remove()
         self.publish()
 
     def _robot(self, name: str) -> Robot:
-        return self._simulation.robot(name)
+        return find_robot(self._simulation, name)
 
     # -- motion by hand ------------------------------------------------------------------------------------------------
 

@@ -483,7 +483,6 @@ class _Search:
         """A placement whose path ends where the robot can still get away from what it has moved, if there is one.
 
         Args:
-            placement: the placement.
             poses: n x 7: poses of the grasp frame along the path.
         """
         count = len(poses)
@@ -504,7 +503,6 @@ class _Search:
         """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
 
         Args:
-            placement: the placement.
             at: that pose of the grasp frame.
             row: its number.
         """
