@@ -44,8 +44,8 @@ __all__ = [
 
 _NAMES_BY_MODULE = {
     "base_placement": ("BasePlacement", "find_base_placements"),
-    "kinematics": ("IkResult", "RobotKinematics"),
-    "model": ("RobotModel",),
+    "robot_kinematics": ("IkResult", "RobotKinematics"),
+    "robot_model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
     "robot": ("JointState", "Odometry", "Robot", "add_robot"),
