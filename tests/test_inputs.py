@@ -36,11 +36,11 @@ from mindstage.imagination import (
 )
 from mindstage.robots.base_placement import find_base_poses
 from mindstage.robots.collisions import HandChecker
+from mindstage.robots.edits import add_robot
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import plan_arm, plan_line, plan_path
 from mindstage.robots.robot import Robot
-from mindstage.robots.spawning import add_robot
 from mindstage.scene import (
     AttachedLight,
     Body,
@@ -142,7 +142,7 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""
-RECORDS_ONLY = re.compile(r"(\w*Engine\.set_pose|\w*Engine\.restore_pose|UndoStack\.\w+) ")
+RECORDS_ONLY = re.compile(r"(is_moved|UndoStack\.\w+|Attach) ")
 """Functions that take the records of edits."""
 
 

@@ -391,6 +391,18 @@ class TestSmallRoom:
         assert not result.state.held
         assert room.base_pose() == pytest.approx((0.45, 0.0, 0.0), abs=0.02)
 
+    def test_an_empty_arm_is_at_rest_when_the_robot_drives(self, room: Robot) -> None:
+        (arm,) = room.model.arms
+        rest = dict(zip(arm.joints, arm.rest_positions, strict=True))
+        assert perform(room, "reach", thing="mug")
+        away = room.joint_positions()
+        assert max(abs(away[name] - at) for name, at in rest.items()) > 0.1
+        result = perform(room, "go_to", x=0.3, y=0.1)
+        assert result, result.reason
+        found = room.joint_positions()
+        assert {name: found[name] for name in rest} == pytest.approx(rest, abs=0.03)
+        assert room.base_pose()[:2] == pytest.approx((0.3, 0.1), abs=0.03)
+
     def test_a_thing_is_grasped_from_where_the_robot_stands_and_released(self, room: Robot) -> None:
         before = position(room, "mug")
         result = perform(room, "grasp", thing="mug")
@@ -423,6 +435,17 @@ class TestSmallRoom:
         assert 2 <= part.reached < path.reached
         assert len(part.positions) == len(part.roots) == part.reached
         assert re.search(r"there \w+ is [\d.]+ mm (inside|from) counter", part.reason)
+
+    def test_a_path_ends_before_the_base_drives_into_something(self, room: Robot) -> None:
+        hand = hands_of(SkillTask(room))[0]
+        up = hand.grasp_pose + np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+        path = hand.path(interpolated_poses(hand.grasp_pose, up))
+        assert hand.free_part(path, touch=()).is_complete
+        roots = np.array(path.roots)
+        roots[:, 0] += np.linspace(0.0, 0.6, len(roots))
+        part = hand.free_part(path._replace(roots=roots), touch=())
+        assert part.reached < path.reached
+        assert "counter" in part.reason
 
     def test_releasing_nothing_opens_the_gripper(self, room: Robot) -> None:
         result = perform(room, "release")

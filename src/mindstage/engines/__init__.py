@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
     Actuator,
     ActuatorMode,
     ActuatorState,
+    Applied,
     Capability,
     Contact,
     DynamicsScale,
@@ -26,7 +26,6 @@ from mindstage.engines.base import (
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.null import NullEngine
@@ -41,10 +40,10 @@ if TYPE_CHECKING:
     from mindstage.engines.remote.engine import RemoteEngine
 
 __all__ = [
-    "DEFAULT_SPAWN_OPTIONS",
     "Actuator",
     "ActuatorMode",
     "ActuatorState",
+    "Applied",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -62,7 +61,6 @@ __all__ = [
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
-    "SpawnOptions",
     "SpawnReport",
     "connect",
     "is_remote",

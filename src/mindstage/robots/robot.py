@@ -38,12 +38,7 @@ from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
 from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.state import EngineSession, poses_in
 
-__all__ = [
-    "JointState",
-    "Odometry",
-    "Robot",
-    "RobotSession",
-]
+__all__ = ["JointState", "Odometry", "Robot", "RobotSession", "contact_free_pairs"]
 
 T = TypeVar("T")
 
@@ -79,11 +74,15 @@ class RobotSession(EngineSession, Protocol):
     def robots(self) -> Mapping[str, SimulatedRobot]:
         """The robots by name, except those whose bodies were deleted."""
 
-    def keep_robot(self, robot: SimulatedRobot) -> None:
-        """Adds a robot whose bodies are spawned."""
+    @property
+    def former_robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots that were removed, by name."""
 
-    def drop_robot(self, robot: SimulatedRobot) -> None:
-        """Deletes a robot with its bodies."""
+    def keep_robot(self, robot: SimulatedRobot) -> None:
+        """Keeps a robot that an edit has added; called in the engine thread."""
+
+    def drop_robot(self, name: str) -> None:
+        """Ends a robot that an edit has removed; called in the engine thread."""
 
 
 class SkillStarter(Protocol):
@@ -136,22 +135,25 @@ class Robot:
         model: RobotModel,
         placed: RobotWorld,
         *,
+        edit: Any,
         session: RobotSession,
         controller: RobotController,
         report: SpawnReport,
         start_skill: SkillStarter,
     ) -> None:
-        """See `add_robot`.
+        """Made by the edit `AddRobot`.
 
         Args:
             name: its name in the simulation.
             model: its description.
             placed: its bodies and joints.
+            edit: the `AddRobot` that has added it.
             session: the simulation.
             controller: what commands its actuators.
         """
         self.name = name
         self.model = model
+        self.edit = edit
         self.session = session
         self.controller = controller
         self.report = report
@@ -649,7 +651,7 @@ class Robot:
 
     def remove(self) -> None:
         """Deletes it with its bodies."""
-        self.session.drop_robot(self)
+        self.session.apply(self.edit.removal(self.session.state.ids))
 
     def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
@@ -666,6 +668,7 @@ class Robot:
             self.name,
             self.model,
             self._placed,
+            edit=self.edit,
             session=session,
             controller=controller,
             report=self.report,

@@ -96,8 +96,8 @@ class RobotSkills:
 
     def add_robot(self, request: wire.AddRobot.Request) -> wire.AddRobot.Response:
         """Adds a robot; a description that cannot be used is refused with the reason."""
+        from mindstage.robots.edits import add_robot
         from mindstage.robots.models.catalog import list_models
-        from mindstage.robots.spawning import add_robot
 
         path = self._find_file(request.source)
         source: str | Path = path or request.source
