@@ -36,6 +36,7 @@ from mindstage.imagination import (
 )
 from mindstage.robots.base_placement import find_base_poses
 from mindstage.robots.collisions import HandChecker
+from mindstage.robots.edits import add_robot
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import plan_arm, plan_line, plan_path
@@ -134,7 +135,7 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "RobotKinematics.solutions root_pose": lambda robot, pose: first(
         RobotKinematics(robot.model).solutions("gripper", Pose((1.4, 0.5, 1.8)), root_pose=pose)
     ),
-    "Simulation.add_robot pose": lambda robot, pose: added(robot, lambda sim: sim.add_robot(robot.model, pose)),
+    "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
     "find_base_poses targets": lambda robot, pose: find_base_poses(robot, "", [pose], count=1),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
     "plan_line target": lambda robot, pose: plan_line(robot, "", pose),

@@ -107,6 +107,46 @@ class TestDeclaration:
         with pytest.raises(InvalidArgumentError, match="near: 'pick'"):
             start_skill(robot, "pickk", {})
 
+    def test_a_robot_does_what_a_command_or_a_name_with_arguments_says(self, robot: Robot) -> None:
+        steps: list[SkillStep] = []
+        by_command = robot.do("look_at milk_carton_1", on_step=steps.append)
+        by_name = robot.do("look_at", thing="milk_carton_1")
+        assert (
+            (by_command.skill, by_command.args)
+            == (by_name.skill, by_name.args)
+            == ("look_at", {"thing": "milk_carton_1"})
+        )
+        assert by_command
+        assert by_name
+        assert steps
+        mixed = robot.do("go_to x=-0.8", y=0.7, yaw=1.5)
+        assert mixed, mixed.reason
+        assert mixed.args == {"x": -0.8, "y": 0.7, "yaw": 1.5}
+        assert robot.base_pose()[:2] == pytest.approx((-0.8, 0.7), abs=0.02)
+
+    @pytest.mark.parametrize(
+        ("command", "args", "cause"),
+        [
+            ("", {}, "it is empty"),
+            ("open 'fridge", {}, "close the quotes"),
+            ("opne fridge", {}, "near: 'open'"),
+            ("open", {}, "thing is missing"),
+            ("open fridge_door thing=oven_door", {}, "thing is given twice"),
+            ("open fridge_door 1 2", {}, "one argument too many"),
+            ("open fridge_door", {"door": "x"}, "it has no argument 'door'"),
+        ],
+    )
+    def test_a_command_that_no_skill_takes_is_refused(
+        self, robot: Robot, command: str, args: dict[str, object], cause: str
+    ) -> None:
+        with pytest.raises(InvalidArgumentError, match=cause):
+            robot.do(command, **args)
+
+    def test_a_skill_that_takes_too_long_fails(self, robot: Robot) -> None:
+        result = robot.do("go_to 1.2 0.6", deadline_s=0.5)
+        assert result.outcome is SkillOutcome.FAILED
+        assert "did not end within 0.5 s" in result.reason
+
 
 class TestFailures:
     def test_an_unknown_thing_fails_with_a_reason_and_nothing_moves(self, robot: Robot) -> None:

@@ -89,5 +89,5 @@ def find_robot(simulation: HasRobots, name: str = "") -> "Robot":
 __getattr__, __dir__ = lazy_names(
     __name__,
     {name: f"{__name__}.{module}" for module, names in _NAMES_BY_MODULE.items() for name in names},
-    packages=["models", "skills"],
+    packages=["gym", "models", "skills"],
 )

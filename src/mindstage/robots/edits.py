@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Generator, Mapping
 from itertools import count
 from os import PathLike
 from pathlib import Path
@@ -19,6 +19,7 @@ from mindstage.robots.drives import drives_of
 from mindstage.robots.model import RobotLink, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot, RobotSession, contact_free_pairs
+from mindstage.robots.skills.declaration import SkillResult, SkillStep
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyGeometry, BodyId, PoseLike, World
 from mindstage.scene.edits import Delete, Edit, GeometryEdit, Spawn
@@ -159,7 +160,16 @@ class AddRobot(GeometryEdit, SessionEdit, frozen=True, kw_only=True):
         model = self.description.model
         controller = CONTROLLERS[self.controller](drives_of(model, placed, name=self.name), **self.parameters)
         report = session.reports[-1]
-        return Robot(self.name, model, placed, edit=self, session=session, controller=controller, report=report)
+        return Robot(
+            self.name,
+            model,
+            placed,
+            edit=self,
+            session=session,
+            controller=controller,
+            report=report,
+            start_skill=_start_skill,
+        )
 
 
 class RemoveRobot(SessionEdit, frozen=True, kw_only=True):
@@ -259,3 +269,18 @@ def add_robot(
             remedy="correct the description",
         ) from error
     return cast("Robot", session.robots[name])
+
+
+def _start_skill(
+    robot: Robot,
+    name: str,
+    args: Mapping[str, object],
+    *,
+    deadline_s: float,
+    seed: int,
+    on_step: Callable[[SkillStep], object] | None,
+) -> Generator[float, None, SkillResult]:
+    """See `start_skill`, whose module takes a second to import: when the first skill is performed."""
+    from mindstage.robots.skills.performance import start_skill
+
+    return start_skill(robot, name, args, deadline_s=deadline_s, seed=seed, on_step=on_step)

@@ -24,11 +24,12 @@ from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import ActuatorMode, ActuatorState, Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotNotFoundError
-from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, checked
+from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.model import Gripper, RobotModel
+from mindstage.robots.skills.declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
@@ -84,6 +85,22 @@ class RobotSession(EngineSession, Protocol):
         """Ends a robot that an edit has removed; called in the engine thread."""
 
 
+class SkillStarter(Protocol):
+    """Starts a skill, as `robots.skills.start_skill`, which imports this module."""
+
+    def __call__(
+        self,
+        robot: Robot,
+        name: str,
+        args: Mapping[str, object],
+        *,
+        deadline_s: float,
+        seed: int,
+        on_step: Callable[[SkillStep], object] | None,
+    ) -> Generator[float, None, SkillResult]:
+        """See `robots.skills.start_skill`."""
+
+
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
     """The state of a joint."""
 
@@ -122,6 +139,7 @@ class Robot:
         session: RobotSession,
         controller: RobotController,
         report: SpawnReport,
+        start_skill: SkillStarter,
     ) -> None:
         """Made by the edit `AddRobot`.
 
@@ -140,6 +158,7 @@ class Robot:
         self.controller = controller
         self.report = report
         self._placed = placed
+        self._start_skill = start_skill
         self._root = placed.link_ids[model.root]
         controller.on_end(self._report_end)
         self._seen: tuple[BodyId, ...] | None = None
@@ -517,6 +536,36 @@ class Robot:
                 goal.cancel()
 
     @checked
+    def do(
+        self,
+        skill: str,
+        /,
+        *,
+        deadline_s: Timeout = 300.0,
+        seed: Seed = 0,
+        on_step: Callable[[SkillStep], object] | None = None,
+        **args: object,
+    ) -> SkillResult:
+        """Performs a skill, while the simulation is stepped as by `run`: `robot.do("open fridge_door")`.
+
+        Args:
+            skill: its name, `robot.do("open", thing="fridge_door")`, or a command with arguments, of which those that
+                belong together are in quotes.
+            deadline_s: the skill fails if it has not ended after this simulated time [s].
+            seed: of everything that is sampled.
+            on_step: called when a step begins and when it ends.
+            args: the arguments of the skill.
+
+        Returns:
+            The result, which is true if the skill succeeded. One that fails is a result, not an error.
+
+        Raises:
+            InvalidArgumentError: there is no such skill, or it does not take these arguments; nothing moved.
+        """
+        motion = self._start_skill(self, skill, args, deadline_s=deadline_s, seed=seed, on_step=on_step)
+        return self.run(motion, timeout_s=deadline_s)
+
+    @checked
     def run(self, motion: Generator[float, None, T], *, timeout_s: Timeout = 600.0) -> T:
         """Steps the simulation until a motion has ended, and returns its result.
 
@@ -623,6 +672,7 @@ class Robot:
             session=session,
             controller=controller,
             report=self.report,
+            start_skill=self._start_skill,
         )
 
     def __repr__(self) -> str:
