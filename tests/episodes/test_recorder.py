@@ -239,7 +239,7 @@ def lift(simulation: Simulation, height: float) -> None:
 def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
     simulation: Simulation, tmp_path: Path
 ) -> None:
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(1.0)
         simulation.undo_stack.reset()
         assert simulation.state.time_s == 0.0
@@ -286,7 +286,7 @@ def delete_the_support(simulation: Simulation) -> None:
 )
 def test_no_edit_ends_a_recording(simulation: Simulation, tmp_path: Path, edits: Callable[[Simulation], None]) -> None:
     simulation.spawn(World(iri=HAND.iri, bodies=(HAND,)))
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.step(0.3)
         edits(simulation)
         simulation.step(0.5)
@@ -312,6 +312,21 @@ def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
     with Episode(tmp_path / "without.mcap") as without, Episode(tmp_path / "with.mcap") as recorded:
         assert not without.header.has_events
         assert [each.kind for each in without.events()] == [each.kind for each in recorded.events()] != []
+
+
+def test_an_edit_between_two_frames_is_a_frame(simulation: Simulation, tmp_path: Path) -> None:
+    with Recorder(simulation, tmp_path / "run.mcap", rate_hz=5.0) as recorder:
+        simulation.step(0.25)
+        before = recorder.frames
+        edit(simulation, lambda engine: engine.set_label(MUG, "first"))
+        simulation.step(0.05)
+        edit(simulation, lambda engine: engine.set_label(MUG, "second"))
+        assert recorder.frames == before + 2
+        simulation.step(0.3)
+    labels = {0.22: None, 0.26: "first", 0.29: "first", 0.31: "second", 0.6: "second"}
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        found = {time_s: episode.frame_at(time_s).world().body("Mug").label for time_s in labels}
+    assert found == labels
 
 
 def test_a_playing_simulation_is_recorded(simulation: Simulation, tmp_path: Path) -> None:
