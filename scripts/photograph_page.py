@@ -18,10 +18,11 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from tests.viewer.view_pictures import launch_browser, page_picture  # noqa: E402
+from tests.viewer.waiting import wait_until  # noqa: E402
 
 import mindstage as ms  # noqa: E402
 from mindstage.cli.shot import pull_open  # noqa: E402
-from mindstage.episodes import EpisodeEventKind, FrameRecording, detect_events  # noqa: E402
+from mindstage.episodes import EpisodeEventKind, FrameRecording, Recorder, detect_events  # noqa: E402
 from mindstage.episodes.episode import Episode  # noqa: E402
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of  # noqa: E402
 from mindstage.scene import BodyId  # noqa: E402
@@ -70,6 +71,7 @@ def photograph_kitchen(browser: Any, picture: Path) -> None:
     """Shows the kitchen with an open and selected fridge, and its details."""
     with ms.open("bundled:kitchen") as sim, Viewer(sim, port=0) as viewer:
         pull_open(sim, sim.snapshot(), ["fridge_door"])
+        wait_until(lambda: viewer.views.is_drawn, "the scene is drawn")
         viewer.select(BodyId("fridge"))
         picture.write_bytes(page_picture(browser, viewer, SIZE, panel="details"))
 
@@ -78,7 +80,7 @@ def record(path: Path) -> None:
     """Records how the fridge is opened, and the milk is carried to the table."""
     with ms.open("bundled:kitchen") as sim:
         sim.step(0.5)
-        with sim.record(path):
+        with Recorder(sim, path):
             sim.step(0.5)
             sim.joint("fridge_door").open()
             start = sim.state.poses[sim.state.ids.index(MILK), :3]
@@ -107,6 +109,7 @@ def photograph_replay(browser: Any, episode: Episode, picture: Path) -> None:
     transport = next(each for each in shown.events() if each.kind is EpisodeEventKind.TRANSPORT)
     middle_s = transport.begin_s + 0.45 * ((transport.end_s or shown.end_s) - transport.begin_s)
     with EpisodeReplay(shown, knowledge_of(episode), at_s=middle_s) as replay, Viewer(replay, port=0) as viewer:
+        wait_until(lambda: viewer.views.is_drawn, "the scene is drawn")
         viewer.show_path(MILK)
         viewer.select(MILK)
         picture.write_bytes(page_picture(browser, viewer, SIZE))

@@ -36,10 +36,11 @@ from mindstage.imagination import (
 )
 from mindstage.robots.base_placement import find_base_poses
 from mindstage.robots.collisions import HandChecker
+from mindstage.robots.edits import add_robot
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import plan_arm, plan_line, plan_path
-from mindstage.robots.robot import Robot, place_robot
+from mindstage.robots.robot import Robot
 from mindstage.scene import (
     AttachedLight,
     Body,
@@ -134,15 +135,14 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "RobotKinematics.solutions root_pose": lambda robot, pose: first(
         RobotKinematics(robot.model).solutions("gripper", Pose((1.4, 0.5, 1.8)), root_pose=pose)
     ),
-    "Simulation.add_robot pose": lambda robot, pose: added(robot, lambda sim: sim.add_robot(robot.model, pose)),
+    "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
     "find_base_poses targets": lambda robot, pose: find_base_poses(robot, "", [pose], count=1),
-    "place_robot pose": lambda robot, pose: added(robot, lambda sim: place_robot(sim, robot.model, pose)),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
     "plan_line target": lambda robot, pose: plan_line(robot, "", pose),
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""
-RECORDS_ONLY = re.compile(r"(\w*Engine\.set_pose|\w*Engine\.restore_pose|UndoStack\.\w+) ")
+RECORDS_ONLY = re.compile(r"(is_moved|UndoStack\.\w+|Attach) ")
 """Functions that take the records of edits."""
 
 
@@ -277,12 +277,11 @@ PLAN_CALLS: Mapping[str, Callable[[Simulation, Any], object]] = {
     "run_plan plan": lambda sim, plan: run_plan(sim, plan, seed=3).end_poses,
     "try_first plan": lambda sim, plan: try_first(sim, plan, samples=2, certain=False).to_dict(),
     "validate_plan plan": lambda sim, plan: validate_plan(plan, sim),
-    "Simulation.try_first plan": lambda sim, plan: sim.try_first(plan, samples=2, certain=False),
 }
 
 
 def test_every_public_function_takes_plans_in_all_forms() -> None:
-    assert parameters_of(r"\bPlanLike\b") == PLAN_CALLS.keys() - {"Simulation.try_first plan"}
+    assert parameters_of(r"\bPlanLike\b") == PLAN_CALLS.keys()
     assert parameters_of(r"\bPlan(File)?\b") == set()
 
 

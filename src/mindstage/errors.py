@@ -203,12 +203,12 @@ class NoFreePlacementError(WorldError):
     reason: str
 
 
-class RestoreError(WorldError):
-    """A deleted body cannot be restored."""
+class SpawnRefusedError(WorldError):
+    """A body, joint or attachment of a world cannot be spawned, and nothing of that world was."""
 
-    code = "ReturnRefused"
-    template = "{body!r} cannot be restored: {reason}"
-    body: str
+    code = "SpawnRefused"
+    template = "{id!r} cannot be spawned: {reason}"
+    id: str
     _: KW_ONLY
     reason: str
 
@@ -1045,6 +1045,17 @@ class CacheError(MindstageError):
     template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
     folder: str
     _: KW_ONLY
+    cause: str
+
+
+class ExtensionError(MindstageError):
+    """What a package adds by an entry point cannot be loaded."""
+
+    template = "{name}, an entry point {group} of {package}, cannot be loaded: {cause}"
+    name: str
+    _: KW_ONLY
+    group: str
+    package: str
     cause: str
 
 

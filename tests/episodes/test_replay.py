@@ -24,6 +24,7 @@ from mindstage.errors import (
     UnsupportedByEngineError,
 )
 from mindstage.scene import Body, BodyId, Iri, Pose, World
+from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import normalized_pose_array, quat_angle
 from tests.episodes.kitchenette_recording import DRAWER, EVENTS, MUG, frame_of, kitchenette_recording
 from tests.kitchenette import MAP, kitchenette
@@ -222,7 +223,7 @@ def test_bodies_that_were_added_and_deleted_exist_at_their_times_only() -> None:
         jug = Body(id=BodyId("Jug"), iri=Iri(MAP + "Jug"), cls=Iri(MAP + "Jug"), pose=Pose((0.0, 0.0, 1.0)))
         simulation.spawn(World(iri=Iri(MAP + "map"), name="map", bodies=(jug,)), persistent=False)
         frames.append(frame_of(simulation, 1.0, frames[-1]))
-        simulation.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+        simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
         frames.append(frame_of(simulation, 2.0, frames[-1]))
     with EpisodeReplay(FrameRecording(frames), KnowledgeBase(), at_s=1.0) as replay:
         assert {"Jug", "Mug"} <= set(replay.state.ids)

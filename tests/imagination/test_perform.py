@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 
-import mindstage.robots.skills.catalog as catalog
 from mindstage.engines import MujocoEngine
 from mindstage.errors import PlanError
 from mindstage.imagination import (
@@ -25,10 +24,12 @@ from mindstage.imagination import (
     validate_plan,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.registry import Group, added
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots.skills.declaration import SkillSpec, ThingName, skill
+from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Attach, Detach, SetPoses
 from mindstage.simulation import Simulation, SimulationImage
 from tests.engines.scenes import body, world
 
@@ -112,24 +113,22 @@ def carry_down(task: SkillTask, id: BodyId, *, to_m: float) -> Generator[float, 
     top = 0.5
     yield from robot.moving_to({"lift_joint": 0.9})
     x, y, _ = robot.link_pose(robot.gripper().link)[:3].tolist()
-    task.session.run_on_engine(lambda engine: engine.set_pose(id, Pose((x, y + 1.0, top))), edits=True)
-    task.session.run_on_engine(lambda engine: engine.attach(hand, id), edits=True)
+    task.session.run_on_engine(lambda engine: engine.apply(SetPoses({id: Pose((x, y + 1.0, top))})), edits=True)
+    task.session.run_on_engine(lambda engine: engine.apply(Attach(hand, id)), edits=True)
     yield 0.05
     yield from robot.moving_to({"lift_joint": 0.9 - (top - to_m)})
-    task.session.run_on_engine(lambda engine: engine.detach(id), edits=True)
+    task.session.run_on_engine(lambda engine: engine.apply(Detach(id)), edits=True)
     yield 0.6
 
 
-FAKES: Mapping[str, SkillSpec] = MappingProxyType(
-    {each.name: each for each in (approach, give_up, doubt, dawdle, lower, drop)}
-)
-
-
 @pytest.fixture(autouse=True)
-def fake_skills(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skills of known behavior instead of the real ones; the robot is real."""
-    monkeypatch.setattr(catalog, "SKILLS", FAKES)
+def fake_skills() -> Iterator[None]:
+    """Skills of known behavior beside the real ones; the robot is real."""
     closed.clear()
+    with ExitStack() as stack:
+        for each in (approach, give_up, doubt, dawdle, lower, drop):
+            stack.enter_context(added(Group.SKILLS, each.spec.name, each))
+        yield
 
 
 @pytest.fixture(scope="module")

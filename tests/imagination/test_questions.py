@@ -17,6 +17,7 @@ from mindstage.knowledge.queries import get_question, list_questions
 from mindstage.maps import bundled_kitchen
 from mindstage.maps.io.write import write_map
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 from tests.kitchenette import KNOWROB, MAP, kitchenette
 
@@ -356,7 +357,7 @@ class Unforkable(MujocoEngine):
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
     with Simulation(KnowledgeBase(), engine(), shapes=False) as sim:
         sim.spawn(kitchenette())
-        sim.run_on_engine(lambda running: running.set_pose(BodyId("Mug"), Pose((1.69, 0.2, 0.85))), edits=True)
+        sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()
         answers = sim.ask("stays", "Mug")
         assert not answers  # it overhangs in the present state, not in the map

@@ -17,7 +17,6 @@ from mindstage.robots import add_robot, find_robot
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import (
-    SKILLS,
     FrontWay,
     ParameterType,
     SkillOutcome,
@@ -26,6 +25,7 @@ from mindstage.robots.skills import (
     can_open,
     handling,
     manipulator,
+    skill_specs,
     split_command,
     start_skill,
 )
@@ -65,7 +65,7 @@ def perform(robot: Robot, name: str, **args: object) -> SkillResult:
 
 class TestDeclaration:
     def test_each_skill_documents_itself_and_its_arguments(self) -> None:
-        for name, spec in SKILLS.items():
+        for name, spec in skill_specs().items():
             assert spec.name == name
             assert spec.summary.endswith(".")
             assert "task" not in [each.name for each in spec.parameters]
@@ -74,15 +74,15 @@ class TestDeclaration:
                 assert each.description != each.name, (name, each.name)
 
     def test_types_and_defaults_come_from_the_signature(self) -> None:
-        thing, fraction = SKILLS["open"].parameters
+        thing, fraction = skill_specs()["open"].parameters
         assert (thing.name, thing.type, thing.required) == ("thing", ParameterType.THING, True)
         assert (fraction.name, fraction.type, fraction.default) == ("fraction", ParameterType.FRACTION, 1.0)
 
     def test_a_command_is_parsed_by_position_and_by_name(self) -> None:
         assert split_command("put-away 'milk carton'") == ("put_away", ["milk carton"])
-        assert SKILLS["place"].parse(["milk", "into=fridge"]) == {"thing": "milk", "into": "fridge"}
-        assert SKILLS["open"].parse(["fridge", "0.5"]) == {"thing": "fridge", "fraction": 0.5}
-        assert SKILLS["go_to"].parse(["1", "-0.5", "1.57"]) == {"x": 1.0, "y": -0.5, "yaw": 1.57}
+        assert skill_specs()["place"].parse(["milk", "into=fridge"]) == {"thing": "milk", "into": "fridge"}
+        assert skill_specs()["open"].parse(["fridge", "0.5"]) == {"thing": "fridge", "fraction": 0.5}
+        assert skill_specs()["go_to"].parse(["1", "-0.5", "1.57"]) == {"x": 1.0, "y": -0.5, "yaw": 1.57}
 
     @pytest.mark.parametrize(
         ("name", "args", "cause"),
@@ -101,11 +101,51 @@ class TestDeclaration:
         self, name: str, args: dict[str, object], cause: str
     ) -> None:
         with pytest.raises(InvalidArgumentError, match=cause):
-            SKILLS[name].check(args)
+            skill_specs()[name].check(args)
 
     def test_an_unknown_skill_names_similar_ones(self, robot: Robot) -> None:
         with pytest.raises(InvalidArgumentError, match="near: 'pick'"):
             start_skill(robot, "pickk", {})
+
+    def test_a_robot_does_what_a_command_or_a_name_with_arguments_says(self, robot: Robot) -> None:
+        steps: list[SkillStep] = []
+        by_command = robot.do("look_at milk_carton_1", on_step=steps.append)
+        by_name = robot.do("look_at", thing="milk_carton_1")
+        assert (
+            (by_command.skill, by_command.args)
+            == (by_name.skill, by_name.args)
+            == ("look_at", {"thing": "milk_carton_1"})
+        )
+        assert by_command
+        assert by_name
+        assert steps
+        mixed = robot.do("go_to x=-0.8", y=0.7, yaw=1.5)
+        assert mixed, mixed.reason
+        assert mixed.args == {"x": -0.8, "y": 0.7, "yaw": 1.5}
+        assert robot.base_pose()[:2] == pytest.approx((-0.8, 0.7), abs=0.02)
+
+    @pytest.mark.parametrize(
+        ("command", "args", "cause"),
+        [
+            ("", {}, "it is empty"),
+            ("open 'fridge", {}, "close the quotes"),
+            ("opne fridge", {}, "near: 'open'"),
+            ("open", {}, "thing is missing"),
+            ("open fridge_door thing=oven_door", {}, "thing is given twice"),
+            ("open fridge_door 1 2", {}, "one argument too many"),
+            ("open fridge_door", {"door": "x"}, "it has no argument 'door'"),
+        ],
+    )
+    def test_a_command_that_no_skill_takes_is_refused(
+        self, robot: Robot, command: str, args: dict[str, object], cause: str
+    ) -> None:
+        with pytest.raises(InvalidArgumentError, match=cause):
+            robot.do(command, **args)
+
+    def test_a_skill_that_takes_too_long_fails(self, robot: Robot) -> None:
+        result = robot.do("go_to 1.2 0.6", deadline_s=0.5)
+        assert result.outcome is SkillOutcome.FAILED
+        assert "did not end within 0.5 s" in result.reason
 
 
 class TestFailures:

@@ -309,7 +309,7 @@ def test_a_client_records_an_episode(simulation: Simulation, local_node: LocalNo
         with pytest.raises(ServiceCallError, match="not the name of a file"):
             call("mindstage/record", name="../outside")
     with Episode(tmp_path / "run.mcap") as episode:
-        assert [(each.kind, each.client) for each in episode.edits()] == [("set pose", "ROS: /unreal/set_model_pose")]
+        assert [(each.kind, each.client) for each in episode.edits()] == [("set poses", "ROS: /unreal/set_model_pose")]
 
 
 def test_clients_cannot_record_without_a_folder(engine: Call) -> None:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import os
 from importlib import import_module
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
     Actuator,
     ActuatorMode,
     ActuatorState,
+    Applied,
     Capability,
     Contact,
     DynamicsScale,
     Engine,
+    EngineFactory,
+    EngineSettings,
     EngineStats,
     MovedBody,
     PoseArray,
@@ -23,12 +26,12 @@ from mindstage.engines.base import (
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.null import NullEngine
-from mindstage.errors import EngineUnavailableError
+from mindstage.errors import EngineUnavailableError, ExtensionError
 from mindstage.ranges import checked
+from mindstage.registry import Group, catalog, extensions
 
 if TYPE_CHECKING:
     from mindstage.engines.godot import GodotEngine
@@ -37,14 +40,16 @@ if TYPE_CHECKING:
     from mindstage.engines.remote.engine import RemoteEngine
 
 __all__ = [
-    "DEFAULT_SPAWN_OPTIONS",
     "Actuator",
     "ActuatorMode",
     "ActuatorState",
+    "Applied",
     "Capability",
     "Contact",
     "DynamicsScale",
     "Engine",
+    "EngineFactory",
+    "EngineSettings",
     "EngineStats",
     "GodotEngine",
     "MovedBody",
@@ -56,7 +61,6 @@ __all__ = [
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
-    "SpawnOptions",
     "SpawnReport",
     "connect",
     "is_remote",
@@ -66,7 +70,6 @@ __all__ = [
 __dir__ = __all__.copy
 
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
-_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEMES[0]}HOST:PORT/NAMESPACE"
 
 
 def __getattr__(name: str) -> object:
@@ -87,37 +90,29 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
     """Creates an engine by name; the caller closes it, or passes it to a simulation that does.
 
     Args:
-        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), or the address of a
-            remote engine, `ros://HOST:PORT/NAMESPACE`, or `ros+tls://…` over TLS.
+        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), the address of a
+            remote engine, `ros://HOST:PORT/NAMESPACE`, or `ros+tls://…` over TLS, or that of an installed package.
         godot: path of the Godot executable; by default the one on PATH, or in a common location.
         timeout_s: timeout of a call to Godot or to a remote engine [s]; by default the engine's own.
 
     Raises:
         EngineUnavailableError: the name is unknown, or the engine cannot be loaded, started or reached.
     """
-    match name:
-        case "null":
-            return NullEngine()
-        case "mujoco":
-            try:
-                from mindstage.engines.mujoco.engine import MujocoEngine
+    chosen = extensions(Group.ENGINES).get(name.partition(":")[0])
+    try:
+        factory = None if chosen is None else chosen.load(EngineFactory)
+    except ExtensionError as error:
+        raise EngineUnavailableError(name, cause=str(error), remedy="install what it needs, or use null") from error
+    if factory is None or not any(_is_named(name, form) for form in factory.forms):
+        forms = catalog(Group.ENGINES, EngineFactory, attrgetter("forms"), tuple[str, ...]).values()
+        remedy = f"choose {', '.join(form for each in forms for form in each)}"
+        raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=remedy)
+    return factory.make(name, EngineSettings(None if godot is None else os.fspath(godot), timeout_s))
 
-                return MujocoEngine()
-            except ImportError as error:
-                raise EngineUnavailableError(
-                    name, cause=str(error), remedy="reinstall mindstage, or use null"
-                ) from error
-        case "godot" | "godot:window":
-            from mindstage.engines.godot import GodotEngine
 
-            program, window = None if godot is None else os.fspath(godot), name != "godot"
-            return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)
-        case _ if is_remote(name):
-            from mindstage.engines.remote import connect
-
-            return connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
-        case _:
-            raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=_NAMES)
+def _is_named(name: str, form: str) -> bool:
+    scheme, is_address, _ = form.partition("://")
+    return name.startswith(f"{scheme}://") if is_address else name == form
 
 
 def is_remote(name: str) -> bool:

@@ -16,12 +16,15 @@ import shlex
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import suppress
 from enum import StrEnum
-from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
+from operator import attrgetter
+from types import MappingProxyType
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_type_hints
 
 import msgspec
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.ranges import Angle, Coordinate, Fraction, check_number, declared_range
+from mindstage.registry import Group, catalog
 from mindstage.scene import BodyId
 
 __all__ = [
@@ -30,6 +33,7 @@ __all__ = [
     "KindName",
     "LengthM",
     "ParameterType",
+    "Skill",
     "SkillMotion",
     "SkillNeed",
     "SkillOutcome",
@@ -42,6 +46,7 @@ __all__ = [
     "SupportName",
     "ThingName",
     "skill",
+    "skill_specs",
     "split_command",
 ]
 
@@ -188,8 +193,6 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
     alternatives: tuple[tuple[str, ...], ...]
     """Groups of parameters of which exactly one has to be given, such as a thing or coordinates."""
     needs: frozenset[SkillNeed]
-    function: Callable[..., SkillMotion]
-    """Called with the `SkillTask` and the arguments."""
 
     def parameter(self, name: str) -> SkillParameter:
         """The parameter of that name.
@@ -246,14 +249,18 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
         check_number(number, _RANGES[parameter.type], place)
         return float(number)  # type: ignore[arg-type]
 
-    def parse(self, words: Iterable[str]) -> dict[str, SkillValue]:
+    def parse(self, words: Iterable[str], given: Mapping[str, object] = MappingProxyType({})) -> dict[str, SkillValue]:
         """The arguments of a command: values in the order of the parameters, and `name=value`.
+
+        Args:
+            words: the words after the name of the skill.
+            given: further arguments by name.
 
         Raises:
             InvalidArgumentError: as for `check`, or there are too many values.
         """
         names = [each.name for each in self.parameters]
-        args: dict[str, object] = {}
+        args = {name: value for name, value in given.items() if value is not None}
         for word in words:
             name, equals, value = word.partition("=")
             if not equals or name not in names:
@@ -265,11 +272,25 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
             if name in args:
                 raise InvalidArgumentError(self.name, cause=f"{name} is given twice", remedy="give it once")
             args[name] = value
-        if self.alternatives and "thing" in args and _is_number(str(args["thing"])):  # `go_to 1 2 0`
+        is_first = "thing" in args and "thing" not in given
+        if self.alternatives and is_first and _is_number(str(args["thing"])):  # `go_to 1 2 0`
             numbers = [name for name in names if self.parameter(name).type.is_number]
             values = [value for name, value in args.items() if name == "thing" or name in numbers]
             args = dict(zip(numbers, values, strict=False))
         return self.check(args)
+
+
+class Skill(NamedTuple):
+    """A declared skill with the function that performs it; the entry points `mindstage.skills` name these."""
+
+    spec: SkillSpec
+    function: Callable[..., SkillMotion]
+    """Called with the `SkillTask` and the arguments."""
+
+
+def skill_specs() -> Mapping[str, SkillSpec]:
+    """All skills by name; those that perform them are not imported, which would take a second."""
+    return catalog(Group.SKILLS, Skill, attrgetter("spec"), SkillSpec)
 
 
 def _is_number(text: str) -> bool:
@@ -296,7 +317,7 @@ def split_command(command: str) -> tuple[str, list[str]]:
 
 def skill(
     *, needs: Iterable[SkillNeed], alternatives: tuple[tuple[str, ...], ...] = (), name: str = ""
-) -> Callable[[Callable[..., SkillMotion]], SkillSpec]:
+) -> Callable[[Callable[..., SkillMotion]], Skill]:
     """Declares a skill.
 
     Args:
@@ -305,17 +326,17 @@ def skill(
         name: its name; by default that of the function.
     """
 
-    def declare(function: Callable[..., SkillMotion]) -> SkillSpec:
+    def declare(function: Callable[..., SkillMotion]) -> Skill:
         documentation = _without_task(inspect.cleandoc(function.__doc__ or ""))
-        return SkillSpec(
+        spec = SkillSpec(
             name=name or function.__name__,
             summary=documentation.split("\n\n")[0].replace("\n", " "),
             documentation=documentation,
             parameters=tuple(_parameters(function, documentation)),
             alternatives=alternatives,
             needs=frozenset(needs),
-            function=function,
         )
+        return Skill(spec, function)
 
     return declare
 

@@ -18,6 +18,7 @@ from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -433,8 +434,7 @@ def _weld_stance(
 
 def _fix(task: SkillTask, hand: Manipulator, id: BodyId, why: str) -> None:
     """Fixes a thing to the gripper."""
-    link = hand.robot.link_ids[hand.gripper.link]
-    task.session.run_on_engine(lambda engine: engine.attach(link, id), label="attach", edits=True)
+    task.session.apply(Attach(hand.robot.link_ids[hand.gripper.link], id))
     task.assume(f"{id} was fixed to the {hand.gripper.name}: {why}")
 
 
@@ -696,7 +696,7 @@ def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) 
     held = hand.held
     opening = hand.robot.opening(hand.gripper.name)
     if held is not None and _is_fixed(task, held):
-        task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
+        task.session.apply(Detach(held))
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
     yield from hand.withdrawing(back_m, touch=() if held is None else (held,))
 
