@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
 from mindstage.access.limits import SPEED
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Iri, Pose, World
 from mindstage.simulation import Simulation

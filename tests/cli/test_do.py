@@ -11,7 +11,7 @@ import pytest
 
 import mindstage.robots.skills.catalog as catalog
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Episode
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from mindstage.engines import ActuatorMode, ActuatorState, MujocoEngine, SpawnNoteKind, SpawnOptions
+from mindstage.engines import ActuatorMode, ActuatorState, SpawnNoteKind, SpawnOptions
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.scene import BodyGeometry, BodyId, CollisionShapeType, Mobility, PrimitiveShape, PrimitiveType, World
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import quat_angle

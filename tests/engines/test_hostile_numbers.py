@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.engines import MujocoEngine, NullEngine, SpawnNoteKind, SpawnOptions
+from mindstage.engines import NullEngine, SpawnNoteKind, SpawnOptions
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShape, Joint, Pose, SoftLimit
 from tests.engines.geometries import geometry

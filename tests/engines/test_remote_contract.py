@@ -7,7 +7,8 @@ from contextlib import closing
 
 import pytest
 
-from mindstage.engines import RemoteEngine, SpawnNoteKind, SpawnOptions, connect
+from mindstage.engines import SpawnNoteKind, SpawnOptions
+from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.scene import BodyId
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, current_pose, notes_of

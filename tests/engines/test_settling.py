@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines import SpawnNoteKind, SpawnOptions, SpawnReport
 from mindstage.engines.collision_filter import TOUCH_TOLERANCE_M
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.engines.place import find_ground_height, find_unsupported
 from mindstage.scene import Body, BodyId, CollisionShapeType, GeometryMap, World

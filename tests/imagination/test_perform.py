@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import mindstage.robots.skills.catalog as catalog
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PlanError
 from mindstage.imagination import (
     EventKind,

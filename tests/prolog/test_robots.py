@@ -8,7 +8,7 @@ from types import MappingProxyType
 import pytest
 
 import mindstage.robots.skills.catalog as catalog
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, PrologGoalError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole

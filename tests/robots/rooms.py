@@ -12,7 +12,7 @@ from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import RobotModel
+from mindstage.robots.models.model import RobotModel
 from mindstage.robots.robot import Robot
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation.simulation import Simulation

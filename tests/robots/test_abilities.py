@@ -16,7 +16,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import StateAccess, get_question
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.abilities import AbilityRow, profile_of_model
-from mindstage.robots.model import (
+from mindstage.robots.models.model import (
     Arm,
     BaseType,
     Gripper,

@@ -12,7 +12,7 @@ from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.base_placement import find_base_poses, reachable_region
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import BaseType
+from mindstage.robots.models.model import BaseType
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.navigation import plan_base
 from mindstage.robots.planning import plan_arm

@@ -11,7 +11,7 @@ import pytest
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
 from mindstage.robots import kinematics, planning
 from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.model import (
+from mindstage.robots.models.model import (
     Arm,
     BaseType,
     RobotBase,

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.model import BaseType, RobotModel
+from mindstage.robots.models.model import BaseType, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.robot import Robot

@@ -13,12 +13,13 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.bridge.calls import ServerGoalHandle
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
-from mindstage.robots.model import BaseType, RobotModel
+from mindstage.robots.models.model import BaseType, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint

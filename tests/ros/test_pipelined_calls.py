@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco import engine as mujoco_engine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface

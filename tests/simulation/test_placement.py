@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from mindstage.assets import MeshLibrary
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen

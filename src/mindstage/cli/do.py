@@ -36,7 +36,7 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
     from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
-    from mindstage.robots.model import RobotModel
+    from mindstage.robots.models.model import RobotModel
     from mindstage.robots.robot import Robot
     from mindstage.robots.skills.declaration import SkillStep
     from mindstage.simulation import Simulation
@@ -347,7 +347,7 @@ def _commands(text: str, *, deadline_s: float) -> list[Perform]:
 
 def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tuple[Plan, list[str]]:
     from mindstage.imagination import Perform, Plan
-    from mindstage.robots.designators import read_designator
+    from mindstage.robots.skills.designators import read_designator
 
     found = read_designator(value, simulation)
     words = " ".join([found.skill, *(f"{name}={each}" for name, each in found.args.items())])

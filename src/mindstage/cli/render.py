@@ -296,7 +296,7 @@ class _Shooting:
             InvalidArgumentError: it has none of that name.
         """
         from mindstage.robots import find_robot
-        from mindstage.robots.model import SensorType
+        from mindstage.robots.models.model import SensorType
 
         robot = find_robot(self._simulation, self._robot or "")
         kinds = (SensorType.CAMERA, SensorType.DEPTH_CAMERA)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
-from typing import TYPE_CHECKING
 
 from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
@@ -30,12 +28,6 @@ from mindstage.engines.null import NullEngine
 from mindstage.errors import EngineUnavailableError
 from mindstage.ranges import checked
 
-if TYPE_CHECKING:
-    from mindstage.engines.godot import GodotEngine
-    from mindstage.engines.mujoco.engine import MujocoEngine
-    from mindstage.engines.remote import connect
-    from mindstage.engines.remote.engine import RemoteEngine
-
 __all__ = [
     "DEFAULT_SPAWN_OPTIONS",
     "Actuator",
@@ -46,38 +38,21 @@ __all__ = [
     "DynamicsScale",
     "Engine",
     "EngineStats",
-    "GodotEngine",
     "MovedBody",
-    "MujocoEngine",
     "NullEngine",
     "PoseArray",
-    "RemoteEngine",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
     "SpawnOptions",
     "SpawnReport",
-    "connect",
     "is_remote",
     "make_engine",
 ]
 
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
 _NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEMES[0]}HOST:PORT/NAMESPACE"
-
-
-def __getattr__(name: str) -> object:
-    # Engines are imported on first use, since their libraries take long to load.
-    if name == "MujocoEngine":
-        return import_module("mindstage.engines.mujoco").MujocoEngine
-    if name == "GodotEngine":
-        return import_module("mindstage.engines.godot").GodotEngine
-    if name == "RemoteEngine":
-        return import_module("mindstage.engines.remote.engine").RemoteEngine
-    if name == "connect":
-        return import_module("mindstage.engines.remote").connect
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 @checked
@@ -106,7 +81,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
                     name, cause=str(error), remedy="reinstall mindstage, or use null"
                 ) from error
         case "godot" | "godot:window":
-            from mindstage.engines.godot import GodotEngine
+            from mindstage.engines.remote.godot import GodotEngine
 
             program, window = None if godot is None else os.fspath(godot), name != "godot"
             return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)

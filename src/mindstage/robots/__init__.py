@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 from mindstage.errors import RobotNotFoundError
 
 if TYPE_CHECKING:
-    from mindstage.robots.model import RobotModel
+    from mindstage.robots.models.model import RobotModel
     from mindstage.robots.robot import JointState, Odometry, Robot, add_robot
 
 __all__ = [
@@ -52,7 +52,7 @@ def find_robot(simulation: HasRobots, name: str = "") -> "Robot":
 
 def __getattr__(name: str) -> object:
     if name == "RobotModel":
-        return import_module("mindstage.robots.model").RobotModel
+        return import_module("mindstage.robots.models.model").RobotModel
     if name in __all__:
         return getattr(import_module("mindstage.robots.robot"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

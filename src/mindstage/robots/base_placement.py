@@ -18,7 +18,7 @@ from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.model import Arm, BaseType
+from mindstage.robots.models.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
 from mindstage.robots.search_limits import CPU_S, SearchLimit

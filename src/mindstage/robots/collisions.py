@@ -16,7 +16,7 @@ import numpy as np
 from mindstage.engines.base import Engine, SpawnOptions
 from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.model import Gripper, RobotJoint, RobotModel
+from mindstage.robots.models.model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply

@@ -24,7 +24,7 @@ from mindstage.robots.control import (
     MotionOutcome,
 )
 from mindstage.robots.drives import BaseDrive, JointDrive, RobotDrives
-from mindstage.robots.model import BaseType
+from mindstage.robots.models.model import BaseType
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 
 __all__ = ["RobotController"]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
-from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.models.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.scene import Pose
 from mindstage.scene.transforms import (
     Array,

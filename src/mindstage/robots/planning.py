@@ -19,7 +19,7 @@ from mindstage.errors import InvalidArgumentError, RobotLibraryError, Unreachabl
 from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply
 from mindstage.robots.kinematics import IkResult, IkTolerance, RobotKinematics
-from mindstage.robots.model import Arm, RobotJointType
+from mindstage.robots.models.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of

@@ -31,7 +31,7 @@ from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, che
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.model import Gripper, RobotModel
+from mindstage.robots.models.model import Gripper, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld, robot_world

@@ -7,7 +7,7 @@ import os
 
 from mindstage.errors import CommandRefusedError
 from mindstage.ranges import Coordinate, checked
-from mindstage.robots.model import RobotModel
+from mindstage.robots.models.model import RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot, RobotSession, add_robot
 from mindstage.scene import Pose

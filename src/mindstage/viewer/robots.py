@@ -29,8 +29,8 @@ from mindstage.ranges import Angle, Coordinate
 from mindstage.robots import find_robot, robots_of
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.models.catalog import list_models
+from mindstage.robots.models.model import Arm, RobotJointType
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.catalog import SKILLS, start_skill
 from mindstage.robots.skills.declaration import ParameterType, SkillParameter, SkillResult, SkillSpec, SkillStep

@@ -6,7 +6,7 @@ from functools import cache
 from importlib.metadata import distribution
 from pathlib import Path
 
-from mindstage.robots.model import RobotModel
+from mindstage.robots.models.model import RobotModel
 from mindstage.robots.models.reading import load_model
 
 EXAMPLES = Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import RobotModelError
-from mindstage.robots.model import BaseType
+from mindstage.robots.models.model import BaseType
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.srdf import read_srdf
 

@@ -13,8 +13,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from mindstage.robots.forward_kinematics import rest_positions
-from mindstage.robots.model import (
+from mindstage.robots.models.forward_kinematics import rest_positions
+from mindstage.robots.models.grippers import analyze_gripper
+from mindstage.robots.models.link_tree import LinkTree
+from mindstage.robots.models.model import (
     Arm,
     BaseType,
     Gripper,
@@ -26,8 +28,6 @@ from mindstage.robots.model import (
     RobotSensor,
     SensorType,
 )
-from mindstage.robots.models.grippers import analyze_gripper
-from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.models.srdf import Srdf, SrdfGroup
 
 __all__ = ["RobotStructure", "base_type", "find_structure", "wheel_joints"]

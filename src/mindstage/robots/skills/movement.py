@@ -7,7 +7,7 @@ from math import atan2, cos, pi, sin
 import numpy as np
 
 from mindstage.errors import UnreachableError
-from mindstage.robots.model import Head
+from mindstage.robots.models.model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skills.declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.handling import stance_to_reach

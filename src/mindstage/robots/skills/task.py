@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from mindstage.errors import SkillFailedError
 from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import BaseType
+from mindstage.robots.models.model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep

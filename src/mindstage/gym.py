@@ -29,7 +29,7 @@ from mindstage.engines.base import SavedState
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
-from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
+from mindstage.robots.models.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot, add_robot
 from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
