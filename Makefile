@@ -60,6 +60,8 @@ check: .venv/dev.stamp  ## style, types, package structure, and that generated f
 	@$(python) scripts/make_command_line.py --check
 	@$(python) scripts/make_questions.py --check
 	@$(python) scripts/make_limits.py --check
+	@$(python) scripts/make_sizes.py --check
+	@$(python) scripts/make_errors.py --check
 	@$(python) -m pytest -q tests/test_project.py
 
 docs: .venv/docs.stamp  ## the documentation site, in build/site
@@ -82,9 +84,9 @@ corpus: .venv/run.stamp  ## try all maps of a folder and print a table: make cor
 kitchen: .venv/dev.stamp  ## regenerate the bundled kitchen
 	@$(python) scripts/make_kitchen.py
 
-pictures: .venv/run.stamp  ## regenerate the documentation's screenshots of the viewer
+pictures: .venv/dev.stamp  ## regenerate the documentation's pictures of the viewer
 	@scripts/install_system.sh chromium:chromium $(opengl_packages)
-	@scripts/photograph_page.sh
+	@$(python) scripts/photograph_page.py
 
 pin:  ## pin the newest versions that pyproject.toml allows
 	@scripts/pin.sh

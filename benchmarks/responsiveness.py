@@ -1,4 +1,4 @@
-"""How soon a pause and an edit are executed while the simulation is as busy as it can be."""
+"""How soon requests are executed while the simulation is as busy as it can be, and after random requests."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import random
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from msgspec.structs import replace
+from tests.fuzz.running_server import RunningServer, ServerFuzzer
 
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
@@ -21,6 +24,8 @@ from mindstage.simulation import Simulation
 RUNS = 50
 AIM_S = 0.2
 KITCHENS = 10
+FUZZ_S = 60.0
+AFTER_FUZZ_AIM_S = 1.0
 
 
 def measure() -> Iterator[Measure]:
@@ -36,6 +41,22 @@ def measure() -> Iterator[Measure]:
             with _stepping(simulation):
                 yield _longest(f"pause while others step, {name}", simulation, lambda: None)
                 yield Measure(what=f"edit while others step, {name}", ours=_longest_edit_s(simulation), at_most=AIM_S)
+    yield from _after_random_requests()
+
+
+def _after_random_requests() -> Iterator[Measure]:
+    """How long a new client of `mindstage serve` waits after random requests to all of its ports."""
+    with TemporaryDirectory() as folder:
+        server = RunningServer(Path(folder))
+        try:
+            with closing(ServerFuzzer(server, random.random())) as fuzzer:
+                fuzzer.run(FUZZ_S)
+            times = server.measure()
+        finally:
+            server.stop()
+    for method in ("pause", "step", "undo", "save", "ask"):
+        what = f"{method} after {FUZZ_S:g} s of random requests to all ports"
+        yield Measure(what=what, ours=times[method], at_most=AFTER_FUZZ_AIM_S)
 
 
 def _kitchens(count: int) -> World:

@@ -24,6 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 import viser
+from playwright.sync_api import Page, sync_playwright
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
@@ -36,7 +37,6 @@ from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Worl
 from mindstage.simulation import StateSnapshot
 from mindstage.viewer import Viewer
 from mindstage.viewer.scene import ViewerScene
-from mindstage.viewer.screenshot import HeadlessBrowser
 
 UPDATES = 30
 """Number of measured updates, one second of them."""
@@ -182,9 +182,7 @@ def _stepped(simulation: Simulation, world: World) -> float:
 
 
 def _first_picture() -> Measure:
-    """The time of `mindstage shot`, in a browser without a GPU."""
-    if shutil.which("chromium") is None:
-        raise SystemExit("Chromium is not installed")
+    """The time of `mindstage shot`, compared with that of a page in a browser without a GPU."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "mindstage", "shot", bundled_kitchen(), "-o", Path(folder) / "kitchen.png"]
         (result,) = median_runs(list(map(str, command)), repeats=3)
@@ -203,14 +201,28 @@ def _empty_picture() -> float:
     with redirect_stdout(StringIO()):
         server = viser.ViserServer(port=0, verbose=False)
     try:
-        with HeadlessBrowser(size=(1280, 800)) as browser:
-            browser.navigate(f"http://127.0.0.1:{server.get_port()}/?fixedDpr=1")
+        with _browser_page((1280, 800)) as page:
+            page.goto(f"http://127.0.0.1:{server.get_port()}/?fixedDpr=1")
             _wait_until(server.get_clients)
-            browser.screenshot()
+            page.screenshot()
     finally:
         with redirect_stdout(StringIO()):
             server.stop()
     return time.perf_counter() - start
+
+
+@contextmanager
+def _browser_page(size: tuple[int, int]) -> Iterator[Page]:
+    """A page [px] in a new headless browser."""
+    if (chromium := shutil.which("chromium")) is None:
+        raise SystemExit("Chromium is not installed")
+    arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=arguments)
+        page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        page.set_default_timeout(300_000)
+        yield page
+        browser.close()
 
 
 _VIEW = "(document.getElementById('view')?.contentWindow ?? window)"
@@ -316,26 +328,27 @@ def _bare_server(viewer: Viewer, state: StateSnapshot) -> viser.ViserServer:
 
 def _page_cost(page: str, view: str, count: int) -> _PageCost:
     """The cost of a page, and the time of a frame of its view alone, which has the size of the window."""
-    with HeadlessBrowser(size=(640, 420), timeout_s=300.0) as browser:
+    with _browser_page((640, 420)) as tab:
         start = time.perf_counter()
-        _open(browser, page, count)
+        _open(tab, page, count)
         first_picture_s = time.perf_counter() - start
-        browser._send_command("HeapProfiler.collectGarbage")
-        browser._send_command("Performance.enable")
-        metrics = {each["name"]: each["value"] for each in browser._send_command("Performance.getMetrics")["metrics"]}
+        devtools = tab.context.new_cdp_session(tab)
+        devtools.send("HeapProfiler.collectGarbage")
+        devtools.send("Performance.enable")
+        metrics = {each["name"]: each["value"] for each in devtools.send("Performance.getMetrics")["metrics"]}
         if view != page:
-            _open(browser, view, count)
+            _open(tab, view, count)
         before = _cpu_s()
-        browser.evaluate(_DRAW_FRAMES % (_VIEW, _FRAMES))
+        tab.evaluate(_DRAW_FRAMES % (_VIEW, _FRAMES))
         frame_ms = 1000 * (_cpu_s() - before) / _FRAMES
     return _PageCost(first_picture_s, frame_ms, metrics["JSHeapUsedSize"] / 1e6)
 
 
-def _open(browser: HeadlessBrowser, url: str, count: int) -> None:
+def _open(tab: Page, url: str, count: int) -> None:
     """Opens a page and waits until all bodies are drawn."""
-    browser.navigate(f"{url}?fixedDpr=1")
-    _wait_until(lambda: browser.evaluate(_DRAWN % _VIEW) >= count, timeout_s=300.0)
-    browser.screenshot()
+    tab.goto(f"{url}?fixedDpr=1")
+    _wait_until(lambda: tab.evaluate(_DRAWN % _VIEW) >= count, timeout_s=300.0)
+    tab.screenshot()
 
 
 def _field(count: int, *, alike: bool) -> World:

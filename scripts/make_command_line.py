@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from generated import write_or_compare
 
 from mindstage.cli.app import app
 
@@ -30,14 +31,7 @@ HEAD = """# Command line
 
 def main() -> int:
     """Writes or checks the page; returns 0 if it is up to date, otherwise 1."""
-    text = page()
-    if "--check" in sys.argv[1:]:
-        if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{PAGE} is out of date: run scripts/make_command_line.py", file=sys.stderr)
-        return 1
-    PAGE.write_text(text, encoding="utf-8")
-    return 0
+    return write_or_compare({PAGE: page()})
 
 
 def page() -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from generated import write_or_compare
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import LIMITS, BridgeLimits, Limit, RpcLimits, VisitorLimits
@@ -59,14 +60,7 @@ RECORDS = {
 
 def main() -> int:
     """Writes or checks the page; returns 0 if it is up to date, otherwise 1."""
-    text = page()
-    if "--check" in sys.argv[1:]:
-        if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{PAGE} is out of date: run scripts/make_limits.py", file=sys.stderr)
-        return 1
-    PAGE.write_text(text, encoding="utf-8")
-    return 0
+    return write_or_compare({PAGE: page()})
 
 
 def page() -> str:

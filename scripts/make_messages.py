@@ -17,8 +17,6 @@ Comments that begin with @ hold what ROS definitions cannot express:
 
 from __future__ import annotations
 
-import argparse
-import difflib
 import re
 import subprocess
 import sys
@@ -26,6 +24,8 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from generated import write_or_compare
 
 ROOT = Path(__file__).resolve().parent.parent
 DEFINITIONS = ROOT / "src" / "mindstage" / "msgs" / "definitions"
@@ -316,29 +316,14 @@ def generate(folder: Path) -> None:
 
 def main() -> int:
     """Generates the modules, or compares them with --check."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="compare only; exit with 1 if anything differs")
-    check = parser.parse_args().check
     with tempfile.TemporaryDirectory() as temporary:
         try:
             generate(Path(temporary))
         except DefinitionError as error:
             print(error, file=sys.stderr)
             return 2
-        new = {path.name: path.read_text(encoding="utf-8") for path in sorted(Path(temporary).glob("*.py"))}
-    old = {path.name: path.read_text(encoding="utf-8") for path in sorted(GENERATED.glob("*.py"))}
-    changed = [name for name in sorted(old | new) if old.get(name) != new.get(name)]
-    for name in changed:
-        if not check:
-            (GENERATED / name).unlink(missing_ok=True)
-            if name in new:
-                (GENERATED / name).write_text(new[name], encoding="utf-8")
-        lines = list(difflib.ndiff(old.get(name, "").splitlines(), new.get(name, "").splitlines()))
-        added, removed = (sum(line.startswith(sign) for line in lines) for sign in "+-")
-        print(f"{(GENERATED / name).relative_to(ROOT)}: {added} lines added, {removed} removed")
-    if check and changed:
-        print("the generated messages differ from their definitions; run scripts/make_messages.py", file=sys.stderr)
-    return 1 if check and changed else 0
+        texts = {GENERATED / path.name: path.read_text(encoding="utf-8") for path in Path(temporary).glob("*.py")}
+    return write_or_compare(texts, existing=GENERATED.glob("*.py"))
 
 
 if __name__ == "__main__":

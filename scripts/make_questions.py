@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from generated import write_or_compare
+
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import Answers, Question, cell_text, list_questions
 from mindstage.knowledge.sentences import SentencePattern, sentence_patterns
@@ -157,16 +159,7 @@ def args(question: Question[Any], example: str) -> dict[str, str]:
 
 def main() -> int:
     """Writes or checks both files; returns 0 if they are up to date, otherwise 1."""
-    outdated = False
-    for path, text in ((CATALOG, catalog()), (PAGE, page())):
-        if path.is_file() and path.read_text(encoding="utf-8") == text:
-            continue
-        if "--check" in sys.argv[1:]:
-            print(f"{path} is out of date: run scripts/make_questions.py", file=sys.stderr)
-            outdated = True
-        else:
-            path.write_text(text, encoding="utf-8")
-    return int(outdated)
+    return write_or_compare({CATALOG: catalog(), PAGE: page()})
 
 
 if __name__ == "__main__":

@@ -17,13 +17,13 @@ Sources: "About ROS 2 interfaces" on docs.ros.org, wiki.ros.org/msg for ROS 1, a
 
 from __future__ import annotations
 
-import argparse
 import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from xml.sax.saxutils import escape
 
+from generated import write_or_compare
 from make_messages import DECLARATION, DEFINITIONS, DIRECTIVES, ROOT, Definition, DefinitionError, read_definition
 
 PACKAGES = ROOT / "ros"
@@ -266,31 +266,14 @@ def all_files() -> dict[Path, str]:
 
 def main() -> int:
     """Writes the packages, or compares them with --check."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="compare only; exit with 1 if anything differs")
-    check = parser.parse_args().check
     try:
         new = all_files()
     except DefinitionError as error:
         print(error, file=sys.stderr)
         return 2
     kept = {"README.md", "COLCON_IGNORE", "AMENT_IGNORE"}
-    old = {
-        path.relative_to(PACKAGES): path.read_text(encoding="utf-8")
-        for path in PACKAGES.rglob("*")
-        if path.is_file() and path.name not in kept
-    }
-    changed = [path for path in sorted(old | new) if old.get(path) != new.get(path)]
-    for path in changed:
-        print(f"{(PACKAGES / path).relative_to(ROOT)}: {'differs' if path in old else 'is missing'}")
-        if not check:
-            (PACKAGES / path).unlink(missing_ok=True)
-            if path in new:
-                (PACKAGES / path).parent.mkdir(parents=True, exist_ok=True)
-                (PACKAGES / path).write_text(new[path], encoding="utf-8")
-    if check and changed:
-        print("the ROS packages differ from the definitions; run scripts/make_ros_packages.py", file=sys.stderr)
-    return 1 if check and changed else 0
+    existing = [path for path in PACKAGES.rglob("*") if path.is_file() and path.name not in kept]
+    return write_or_compare({PACKAGES / path: text for path, text in new.items()}, existing=existing)
 
 
 if __name__ == "__main__":

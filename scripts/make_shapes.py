@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import msgspec
 from drawing.contact_sheet import save_sheet
 from drawing.renderer import Renderer
+from generated import is_check, write_or_compare
 from PIL import Image
 from pyoxigraph import NamedNode
 
@@ -143,15 +144,10 @@ def main() -> int:
     knowledge = KnowledgeBase()
     samples = all_samples(knowledge)
     text = "\n".join([HEAD, *(line for module in modules() for line in chapter(module, samples))])
-    if "--check" in sys.argv[1:]:
-        if PAGE.is_file() and PAGE.read_text(encoding="utf-8") == text:
-            return 0
-        print(f"{PAGE} is out of date: run scripts/make_shapes.py", file=sys.stderr)
-        return 1
-    for module in modules():
-        draw(module, samples)
-    PAGE.write_text(text, encoding="utf-8")
-    return 0
+    if not is_check():
+        for module in modules():
+            draw(module, samples)
+    return write_or_compare({PAGE: text})
 
 
 def all_samples(knowledge: KnowledgeBase) -> list[Sample]:

@@ -25,7 +25,6 @@ OUTSIDE_MODULES = (
     "imagination/test_ray.py",
     "ros/test_real_rosbridge.py",
     "ros/test_real_robot.py",
-    "cli/test_shot.py",
 )
 
 

@@ -11,7 +11,6 @@ from mindstage.errors import (
     AmbiguousMapError,
     AmbiguousNameError,
     BodyNotFoundError,
-    BrowserNotFoundError,
     EndpointError,
     EngineTimeoutError,
     InvalidColorError,
@@ -61,7 +60,6 @@ MESSAGES: list[tuple[MindstageError, str]] = [
     (ServiceNotFoundError("/a", known=[]), "Service /a does not exist"),
     (MessageValidationError("Pose", path="x.y", cause="c"), "Pose: x.y: c"),
     (InvalidColorError("x", known=["red"]), "no color 'x'; there is red, #rrggbb, or r,g,b from 0 to 1"),
-    (BrowserNotFoundError("none", searched=["/usr/bin/x"]), "a browser is needed to take pictures: none"),
     (InvalidRequestError("x", cause="c"), "x is not a valid request: c; reload the page"),
     (WorldError("just a text"), "just a text"),
 ]

@@ -59,6 +59,7 @@ UNRANGED_RECORDS: Mapping[str, str] = {
     **dict.fromkeys(("UrdfGeometry", "UrdfInertial", "UrdfJoint", "UrdfLink", "UrdfMimic"), _FILE),
     "Check": "arguments of a question, which checks them",
     "Limit": "a range itself",
+    "Move to": "checked as a pose; msgspec cannot constrain numbers of a list that may be a record",
     "Perform args": "arguments of a skill, which checks them",
     "TrajectoryPoint": "checked as a whole when the trajectory starts, against the limits of the robot",
     "Uncertainty position_m": "msgspec cannot constrain a number that may be a tuple; checked with the plan",

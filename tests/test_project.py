@@ -19,21 +19,12 @@ from typing import NamedTuple
 
 import pytest
 
-from mindstage import errors
-
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "mindstage"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 EVERYTHING = sorted(
     path for folder in ("src", "tests", "scripts", "benchmarks") for path in (ROOT / folder).rglob("*.py")
 )
-
-LONG_MODULES: dict[str, str] = {
-    "src/mindstage/maps/urdf/xacro_expressions.py": "one interpreter, with its table of functions and methods",
-    "src/mindstage/errors.py": "every exception class stands beside the others, and the docstring has the tree",
-    "src/mindstage/simulation/simulation.py": "one class: the calls of users, and the ticks between which they run",
-}
-"""Modules over 1,000 lines, each with the reason."""
 
 
 def shown(path: Path) -> str:
@@ -259,43 +250,6 @@ def test_a_wrong_name_in_the_package_is_an_attribute_error() -> None:
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-def documented_errors() -> dict[str, tuple[str | None, int | None]]:
-    """Name, parent and exit code of every error in the docstring of `errors`; a subclass has its parent's code."""
-    documented: dict[str, tuple[str | None, int | None]] = {}
-    branch: list[str] = []
-    for stem, name, rest in re.findall(
-        r"^    ((?:│   |    |├── |└── )*)(\w+)(.*)$", errors.__doc__ or "", re.MULTILINE
-    ):
-        del branch[len(stem) // 4 :]
-        parent = branch[-1] if branch else None
-        code = re.search(r"\(exit code (\d)\)", rest)
-        documented[name] = (parent, int(code[1]) if code else documented[parent][1] if parent else None)
-        branch.append(name)
-    return documented
-
-
-def test_the_documented_error_tree_is_the_class_tree() -> None:
-    classes = {
-        name: cls
-        for name, cls in inspect.getmembers(errors, inspect.isclass)
-        if cls.__module__.startswith(errors.__name__)
-    }
-    parents = {
-        name: base.__name__ if (base := cls.__base__) in classes.values() else None for name, cls in classes.items()
-    }
-    assert parents == {name: parent for name, (parent, _) in documented_errors().items()}
-    assert set(errors.__all__) == {*classes, "closest_names", "suggestion", "without_surrogates"}
-
-
-def test_the_command_line_uses_the_documented_exit_codes() -> None:
-    from mindstage.cli.options import exit_code
-
-    for name, (_, code) in documented_errors().items():
-        if code is not None:
-            error = getattr(errors, name).__new__(getattr(errors, name))
-            assert exit_code(error) == code, name
-
-
 def test_every_exception_class_ends_in_error() -> None:
     bases: dict[str, set[str]] = {}
     for path in SOURCES:
@@ -379,22 +333,94 @@ def test_no_two_public_classes_share_a_name() -> None:
     assert not {name: found for name, found in modules.items() if len(found) > 1}
 
 
-# -- sizes -------------------------------------------------------------------------------------------------------------
+# -- sizes and names ---------------------------------------------------------------------------------------------------
 
 
-def test_a_module_over_1000_lines_has_a_reason() -> None:
+UNITS = "BYTES CM DEG EV FPS HZ KG L LM LX M M2 M3 MB MIB MM MS N NM NS PX RAD S STOPS"
+DIMENSIONLESS = (
+    "ATTEMPTS BASES BISECTIONS CANDIDATES CELLS CHARACTERS CHUNKS CODES COLOR COLORS CORNERS COSINE COST COUNT DEPTH "
+    "DIGITS DIRECTIONS EDGES EPISODES EXPANSIONS FACES FACTOR FILES FINDINGS FRACTION FRACTIONS FRAMES GOALS GRASPS "
+    "GROUP HEADINGS IDS ITERATIONS JOINTS LAMPS LINES NAMES OPACITY PAIRS PARTS PIXELS POINTS POSES PROBES "
+    "RATIO REFINEMENTS REFUSALS REWARD SAMPLES SCALE SEGMENTS SHARE STEPS TAGS THREADS TRIALS VERSION WEIGHT WORDS "
+    "WORLDS"
+)
+"""Words in the names of constants, which say that it is a count, a fraction or another number without a unit."""
+
+
+def is_number(node: ast.expr) -> bool:
+    match node:
+        case ast.Constant(value=value):
+            return isinstance(value, int | float) and not isinstance(value, bool)
+        case ast.UnaryOp(operand=operand):
+            return is_number(operand)
+        case ast.BinOp(left=left, right=right):
+            return is_number(left) and is_number(right)
+        case ast.Tuple(elts=parts) | ast.List(elts=parts):
+            return bool(parts) and all(map(is_number, parts))
+    return False
+
+
+def numeric_constants(node: ast.stmt) -> list[str]:
+    """The constants with a numeric value that a statement assigns."""
+    match node:
+        case ast.Assign(targets=[ast.Tuple(elts=targets)], value=ast.Tuple(elts=values)):
+            pairs = list(zip(targets, values, strict=False))
+        case ast.Assign(targets=[target], value=value) | ast.AnnAssign(target=target, value=ast.expr() as value):
+            pairs = [(target, value)]
+        case _:
+            return []
+    names = [each.id for each, value in pairs if isinstance(each, ast.Name) and is_number(value)]
+    return [name for name in names if name.strip("_").isupper()]
+
+
+def constants_without_unit(body: list[ast.stmt]) -> Iterator[str]:
+    """Constants that have neither a unit nor a dimensionless quantity in the name, nor a docstring.
+
+    A docstring that begins with "These are" is that of all constants in the lines directly above it.
+    """
+    block: list[str] = []
+    own = end = 0
+    for node in body:
+        names = numeric_constants(node)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield from () if node.value.value.startswith("These are") else block[: len(block) - own]
+            block = []
+        elif not (names and node.lineno == end + 1):
+            yield from block
+            block = []
+        block += names
+        own, end = len(names), node.end_lineno or 0
+        if isinstance(node, ast.ClassDef) and not any("Enum" in ast.unparse(base) for base in node.bases):
+            yield from constants_without_unit(node.body)
+    yield from block
+
+
+def test_a_numeric_constant_has_a_unit_or_says_what_it_counts() -> None:
     def check(path: Path) -> Iterator[str]:
-        lines = len(path.read_text(encoding="utf-8").splitlines())
-        if lines > 1000 and shown(path) not in LONG_MODULES:
-            yield f"{lines} lines without a reason in LONG_MODULES"
+        for name in constants_without_unit(syntax_tree(path).body):
+            if not {*UNITS.split(), *DIMENSIONLESS.split()} & {*name.strip("_").split("_")}:
+                yield name
 
-    # Generated modules are not read: their definition files are.
-    assert not problems([path for path in EVERYTHING if path.parent.name != "_generated"], check)
+    assert not problems([path for path in SOURCES if path.parent.name != "_generated"], check)
 
 
-def test_every_reason_for_a_long_module_is_needed() -> None:
-    for name in LONG_MODULES:
-        assert len((ROOT / name).read_text(encoding="utf-8").splitlines()) > 1000, f"{name} is not long"
+def test_constants_without_a_unit_are_found() -> None:
+    source = """
+_SPEED = 2.0
+_LENGTH_M = 2.0
+_WEIGHTED = 3
+\"\"\"A factor.\"\"\"
+
+
+_ONE, _TWO = 1, 2
+_THREE = 3
+\"\"\"These are codes.\"\"\"
+class Cup:
+    HEIGHT = 0.1
+class Code(IntEnum):
+    FULL = 1
+"""
+    assert [*constants_without_unit(ast.parse(source).body)] == ["_SPEED", "_LENGTH_M", "HEIGHT"]
 
 
 def test_a_function_fits_on_a_screen() -> None:

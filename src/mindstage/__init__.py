@@ -14,12 +14,10 @@ Submodules are imported when one of their names is first used. The environments 
 it is imported, before or after this package; `gymnasium.make("mindstage:mindstage/Open-v0")` imports this package.
 """
 
-from importlib import import_module
-from pkgutil import iter_modules
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from mindstage.lazy_names import when_imported
+from mindstage.lazy_names import lazy_names, when_imported
 
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
@@ -75,23 +73,14 @@ _MODULES = {
 }
 
 
-def _packages() -> set[str]:
-    """The names of the sub-packages and modules, without those of the command line and internal ones."""
-    return {module.name for module in iter_modules(__path__)} - {"__main__", "cli", "lazy_names"}
+_PACKAGES = (
+    *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "gym", "imagination", "knowledge"),
+    *("maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation", "textures", "viewer"),
+)
+"""Those with a page in the reference."""
 
 
-def __getattr__(name: str) -> object:
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
-    if not name.startswith("_") and name in _packages():
-        return import_module(f"{__name__}.{name}")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    special = {name for name in globals() if name.startswith("__") and name.endswith("__")}
-    return sorted({*special, *__all__, *_packages()})
-
+__getattr__, __dir__ = lazy_names(__name__, _MODULES, packages=_PACKAGES)
 
 _EPISODE_STEPS = {"Open": 300, "Pick": 300, "Place": 500, "PutAway": 1000}
 """The number of actions after which an episode is truncated, by the name of the environment."""

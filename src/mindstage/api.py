@@ -324,7 +324,6 @@ def view(
     commands `mindstage ask`, `sparql` and `prolog` of the same user find the simulation with `--running`.
 
     Args:
-        sim: the simulation.
         port: the TCP port; 0 lets the operating system choose. By default 8080, or the next free one.
         host: the address to listen on. The default is the loopback interface; any other needs a token.
         token: the token that clients must present.

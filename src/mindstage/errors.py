@@ -1,199 +1,19 @@
 """Every error Mindstage raises, one class for each condition that a caller can act on.
 
-    MindstageError
-    ├── WorldError                      valid request that the world cannot fulfill (exit code 1)
-    │   ├── BodyNotFoundError           no body has that id
-    │   ├── BodyExistsError             the id is in use
-    │   ├── PoseUnreachableError        a joint or attachment does not allow the pose
-    │   ├── UnreachableError            a robot cannot get there: a limit, or an obstacle
-    │   ├── NoFreePlacementError        no free placement for the object
-    │   ├── RestoreError                a deleted body cannot be restored
-    │   ├── NothingToUndoError          the undo or redo stack is empty
-    │   ├── HistoryChangedError         another client has edited since the history was read
-    │   ├── AttachmentError             a cycle, or the child already has a parent
-    │   └── ResourceRefusedError        a text from outside names a file that is not granted
-    ├── KnowledgeError                  a source of knowledge or a query cannot be used (exit code 2)
-    │   ├── ReferenceRefusedError       a text that came over a port names something that would have to be read for it
-    │   ├── SourceParseError            missing file, or content that does not follow its format
-    │   │   └── XacroRefusedError       a robot description contains xacro, whose expansion was not asked for
-    │   ├── MapNotFoundError            no semantic map of that name, or none at all
-    │   ├── AmbiguousMapError           several maps are loaded and none was selected
-    │   ├── MapRejectedError            a map has findings and strict mode is on
-    │   ├── MapWriteError               a world that the map format cannot express, or a file that cannot be written
-    │   ├── NameNotFoundError           no entity of that kind has the name
-    │   ├── AmbiguousNameError          several entities have the name
-    │   ├── QuestionNotFoundError       no question has that name
-    │   ├── SentenceNotUnderstoodError  a plain sentence that asks no declared question, or with an unknown name
-    │   ├── AmbiguousSentenceError      a plain sentence that asks several questions, or about several things
-    │   ├── QuestionTimeoutError        a question was not answered before its timeout
-    │   ├── QueryLimitError             the limit of concurrent questions is reached
-    │   ├── QuestionProcessError        the process that answered a question has ended
-    │   ├── InvalidArgumentError        an invalid argument of a function, a question or an assertion
-    │   │   └── NumberRefusedError      a number that is not finite, or beyond its declared range; also a ValueError
-    │   ├── SparqlSyntaxError           not a SPARQL query, or one that is not supported
-    │   ├── SparqlTimeoutError          a SPARQL query did not finish before its timeout
-    │   ├── ReasonerUnavailableError    the OWL 2 RL reasoner is not installed
-    │   ├── StoreError                  a store folder cannot be opened or written
-    │   ├── ShapeNotFoundError          no shape has that name
-    │   ├── TextureNotFoundError        no texture has that name
-    │   ├── InvalidShapeError           an invalid size or parameter of a shape
-    │   ├── EndpointUnreachableError    a SPARQL endpoint does not respond, or not in time
-    │   └── EndpointError               a SPARQL endpoint returned an error or an invalid reply
-    ├── EngineError                     failure of the physics engine (exit code 2)
-    │   ├── EngineUnavailableError      not installed, or not reachable
-    │   ├── EngineTimeoutError          no reply in time; the command may or may not have been executed
-    │   ├── UnsupportedByEngineError    a capability that the engine does not have
-    │   ├── EngineClosedError           called after `close`
-    │   ├── EngineMemoryError           the bodies or contacts need more memory than the engine may have
-    │   └── SimulationDivergedError     positions, velocities or accelerations are not finite
-    ├── ImaginationError                a plan, or a copy of a simulation, that cannot be used (exit code 2)
-    │   ├── PlanError                   a plan that cannot be read, or does not fit the world
-    │   └── CommitError                 edits of a copy that cannot be made in the original
-    ├── EpisodeError                    an episode that cannot be recorded, read or asked (exit code 2)
-    │   ├── EpisodeFileError            a file that is no episode, or is damaged, or that cannot be written
-    │   └── EpisodeTimeError            a time outside of an episode
-    ├── RobotError                      a robot that cannot be read or commanded (exit code 2)
-    │   ├── RobotModelError             a description of a robot that cannot be read
-    │   ├── RobotNotFoundError          no robot has that name
-    │   ├── RobotLibraryError           a library that robots need is not installed
-    │   ├── CommandRefusedError         a command that is beyond a limit, or that the robot cannot execute
-    │   └── SkillFailedError            a skill of a robot failed, with what to try
-    ├── SimulationError                 failure of the simulation thread (exit code 2)
-    │   ├── SimulationTimeoutError      a call into the simulation thread did not finish in time
-    │   ├── SimulationFaultError        a controller, an observer or the engine raised; the simulation was paused
-    │   └── SimulationThreadError       the simulation thread has ended
-    ├── BridgeError                     failure of a bridge, its peer or the connection (exit code 2)
-    │   ├── BridgeUnavailableError      the server cannot listen at that address
-    │   ├── AuthenticationError         missing or invalid token
-    │   ├── CertificateError            a file with a certificate or a key cannot be used
-    │   ├── ConnectionLostError         no connection, or a closed one
-    │   ├── ServiceNotFoundError        no service or action of that name is advertised
-    │   ├── ServiceTimeoutError         a service or action did not return in time
-    │   ├── ServiceCallError            a service or action returned an error
-    │   ├── FailureResponseError        a service failed, and its type can express that
-    │   ├── AdvertiseError              a service, action or topic cannot be advertised
-    │   ├── MessageValidationError      a message that does not match its type, or is too large
-    │   └── TypeNotFoundError           no ROS message, service or action type of that name
-    ├── InvalidColorError               neither a color name nor a color value (exit code 2)
-    ├── PrologError                     failure of the Prolog console (exit code 2)
-    │   ├── PrologUnavailableError      SWI-Prolog or pyswip is not installed, or in use
-    │   ├── PrologGoalError             a syntax error, or an exception in the goal
-    │   └── PrologTimeoutError          a goal did not finish in time
-    ├── BrowserError                    failure of the browser that renders pictures (exit code 2)
-    │   ├── BrowserNotFoundError        not installed, or it does not start
-    │   └── BrowserCrashedError         it exited, returned an error or did not reply in time
-    ├── RendererUnavailableError        a library that a renderer needs is not installed (exit code 2)
-    ├── CacheError                      the cache directory cannot be written (exit code 2)
-    ├── RequestLimitError               a request of a client that is too large, or one too many (exit code 2)
-    ├── InvalidRequestError             invalid request from the page (exit code 2)
-    └── ViewerUnavailableError          the page's server cannot listen at that address (exit code 2)
-
-Each class is a dataclass whose fields are the facts and whose `template` is the message, which ends with the existing
-alternatives or with what to try. Errors can be pickled and copied.
+`MindstageError` makes each of them a dataclass, whose fields are the facts and whose `template` is the message, which
+ends with the existing alternatives or with what to try. Errors can be pickled and copied. The exit code of the command
+line is 1 for a `WorldError`, 2 for all others.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, InitVar, dataclass, field, fields, is_dataclass
+from dataclasses import KW_ONLY, InitVar, dataclass, fields, is_dataclass
 from difflib import get_close_matches
+from inspect import get_annotations
 from string import Formatter
-from typing import Any, ClassVar
-
-__all__ = [
-    "AdvertiseError",
-    "AmbiguousMapError",
-    "AmbiguousNameError",
-    "AmbiguousSentenceError",
-    "AttachmentError",
-    "AuthenticationError",
-    "BodyExistsError",
-    "BodyNotFoundError",
-    "BridgeError",
-    "BridgeUnavailableError",
-    "BrowserCrashedError",
-    "BrowserError",
-    "BrowserNotFoundError",
-    "CacheError",
-    "CertificateError",
-    "CommandRefusedError",
-    "CommitError",
-    "ConnectionLostError",
-    "EndpointError",
-    "EndpointUnreachableError",
-    "EngineClosedError",
-    "EngineError",
-    "EngineMemoryError",
-    "EngineTimeoutError",
-    "EngineUnavailableError",
-    "EpisodeError",
-    "EpisodeFileError",
-    "EpisodeTimeError",
-    "FailureResponseError",
-    "HistoryChangedError",
-    "ImaginationError",
-    "InvalidArgumentError",
-    "InvalidColorError",
-    "InvalidRequestError",
-    "InvalidShapeError",
-    "KnowledgeError",
-    "MapNotFoundError",
-    "MapRejectedError",
-    "MapWriteError",
-    "MessageValidationError",
-    "MindstageError",
-    "NameNotFoundError",
-    "NoFreePlacementError",
-    "NothingToUndoError",
-    "NumberRefusedError",
-    "PlanError",
-    "PoseUnreachableError",
-    "PrologError",
-    "PrologGoalError",
-    "PrologTimeoutError",
-    "PrologUnavailableError",
-    "QueryLimitError",
-    "QuestionNotFoundError",
-    "QuestionProcessError",
-    "QuestionTimeoutError",
-    "ReasonerUnavailableError",
-    "ReferenceRefusedError",
-    "RendererUnavailableError",
-    "RequestLimitError",
-    "ResourceRefusedError",
-    "RestoreError",
-    "RobotError",
-    "RobotLibraryError",
-    "RobotModelError",
-    "RobotNotFoundError",
-    "SentenceNotUnderstoodError",
-    "ServiceCallError",
-    "ServiceNotFoundError",
-    "ServiceTimeoutError",
-    "ShapeNotFoundError",
-    "SimulationDivergedError",
-    "SimulationError",
-    "SimulationFaultError",
-    "SimulationThreadError",
-    "SimulationTimeoutError",
-    "SkillFailedError",
-    "SourceParseError",
-    "SparqlSyntaxError",
-    "SparqlTimeoutError",
-    "StoreError",
-    "TextureNotFoundError",
-    "TypeNotFoundError",
-    "UnreachableError",
-    "UnsupportedByEngineError",
-    "ViewerUnavailableError",
-    "WorldError",
-    "XacroRefusedError",
-    "closest_names",
-    "suggestion",
-    "without_surrogates",
-]
-
+from typing import Any, ClassVar, dataclass_transform
 
 # -- "did you mean" ----------------------------------------------------------------------------------------------------
 
@@ -253,6 +73,7 @@ def _restore(cls: type[MindstageError], args: tuple[object, ...], state: dict[st
     return error
 
 
+@dataclass_transform(eq_default=False, kw_only_default=False)
 class MindstageError(Exception):
     """Base class of all errors that Mindstage raises."""
 
@@ -260,11 +81,25 @@ class MindstageError(Exception):
     """A stable name of the class, used in JSON, ROS, Prolog and diagnostics messages; class names may change."""
     template: ClassVar[str] = ""
     """The message, with attribute names in braces. If empty, the message is the argument."""
+    suggestions: tuple[str, ...] = ()
+    """Known names that resemble the first field, of classes that are given known names."""
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
         if "code" not in cls.__dict__:
             cls.code = cls.__name__
+        if get_annotations(cls):
+            dataclass(eq=False, repr=False)(cls)
+
+    def __post_init__(self, known: Iterable[str] | None = None) -> None:
+        """Makes tuples of all sequences, and finds the known names that resemble the first field."""
+        own = fields(self)  # type: ignore[arg-type]  # each class with a field is a dataclass
+        for each in own:
+            if each.type in {"Iterable[str]", "Sequence[str]"}:
+                setattr(self, each.name, tuple(getattr(self, each.name)))
+        names = getattr(self, "known", ()) if known is None else known
+        if "{hint}" in self.template and names:
+            self.suggestions = closest_names(getattr(self, own[0].name), names)
 
     def __str__(self) -> str:
         """The message. Bytes of names of files that are not UTF-8 are shown as U+FFFD, so that it can be encoded."""
@@ -295,7 +130,6 @@ class WorldError(MindstageError):
     """A valid request that the world cannot fulfill; the world is unchanged."""
 
 
-@dataclass(eq=False, repr=False)
 class BodyNotFoundError(WorldError):
     """No body in the world has that id."""
 
@@ -305,10 +139,6 @@ class BodyNotFoundError(WorldError):
     _: KW_ONLY
     known: InitVar[Iterable[str]] = ()
     world: str = ""
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self, known: Iterable[str]) -> None:
-        self.suggestions = closest_names(self.body, known)
 
     @property
     def in_world(self) -> str:
@@ -316,7 +146,6 @@ class BodyNotFoundError(WorldError):
         return f" in {self.world!r}" if self.world else ""
 
 
-@dataclass(eq=False, repr=False)
 class BodyExistsError(WorldError):
     """The id of a body to be spawned is in use."""
 
@@ -325,7 +154,6 @@ class BodyExistsError(WorldError):
     body: str
 
 
-@dataclass(eq=False, repr=False)
 class PoseUnreachableError(WorldError):
     """The joints and attachments of the body do not allow that pose."""
 
@@ -336,7 +164,6 @@ class PoseUnreachableError(WorldError):
     reason: str
 
 
-@dataclass(eq=False, repr=False)
 class AttachmentError(WorldError):
     """The child cannot be attached to that parent."""
 
@@ -348,7 +175,6 @@ class AttachmentError(WorldError):
     reason: str
 
 
-@dataclass(eq=False)
 class UnreachableError(WorldError):
     """A robot cannot get there."""
 
@@ -366,7 +192,6 @@ class UnreachableError(WorldError):
     """By how much the hand does not get to the target [m], if that is the reason."""
 
 
-@dataclass(eq=False, repr=False)
 class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
@@ -378,7 +203,6 @@ class NoFreePlacementError(WorldError):
     reason: str
 
 
-@dataclass(eq=False, repr=False)
 class RestoreError(WorldError):
     """A deleted body cannot be restored."""
 
@@ -389,7 +213,6 @@ class RestoreError(WorldError):
     reason: str
 
 
-@dataclass(eq=False, repr=False)
 class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `redo`, to redo."""
 
@@ -404,7 +227,6 @@ class NothingToUndoError(WorldError):
         return "redo" if self.redo else "undo"
 
 
-@dataclass(eq=False, repr=False)
 class HistoryChangedError(WorldError):
     """A step of the undo history was chosen, and the history has changed since it was read."""
 
@@ -415,7 +237,6 @@ class HistoryChangedError(WorldError):
 # -- knowledge ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(eq=False, repr=False)
 class ResourceRefusedError(WorldError):
     """A text from outside names a file that is not granted; whether it exists is not said."""
 
@@ -428,7 +249,6 @@ class KnowledgeError(MindstageError):
     """A source of knowledge or a query cannot be used."""
 
 
-@dataclass(eq=False, repr=False)
 class SourceParseError(KnowledgeError):
     """A file does not exist, or its content does not follow its format."""
 
@@ -445,14 +265,12 @@ class SourceParseError(KnowledgeError):
         return f"{self.source}, line {self.line}" if self.line is not None else self.source
 
 
-@dataclass(eq=False, repr=False)
 class XacroRefusedError(SourceParseError):
     """A robot description contains xacro, and nobody has asked for its expansion."""
 
     code = "XacroRefused"
 
 
-@dataclass(eq=False, repr=False)
 class ReferenceRefusedError(KnowledgeError):
     """A text that came over a port names something that would have to be read for it, such as an import."""
 
@@ -465,7 +283,6 @@ class ReferenceRefusedError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
 
@@ -475,9 +292,6 @@ class MapNotFoundError(KnowledgeError):
     requested: str = ""
     known: Sequence[str] = ()
 
-    def __post_init__(self) -> None:
-        self.known = tuple(self.known)
-
     def __str__(self) -> str:
         if self.known:
             return f"no map {self.requested!r}; there is {', '.join(self.known)}"
@@ -485,7 +299,6 @@ class MapNotFoundError(KnowledgeError):
         return f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap"
 
 
-@dataclass(eq=False, repr=False)
 class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
@@ -493,14 +306,10 @@ class AmbiguousMapError(KnowledgeError):
 
     known: Sequence[str]
 
-    def __post_init__(self) -> None:
-        self.known = tuple(self.known)
-
     def __str__(self) -> str:
         return f"{len(self.known)} maps are loaded ({', '.join(self.known)}); name one of them"
 
 
-@dataclass(eq=False, repr=False)
 class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
 
@@ -510,16 +319,12 @@ class MapRejectedError(KnowledgeError):
     _: KW_ONLY
     findings: Sequence[str]
 
-    def __post_init__(self) -> None:
-        self.findings = tuple(self.findings)
-
     def __str__(self) -> str:
         number = f"{len(self.findings):,} finding{'' if len(self.findings) == 1 else 's'}"
         first = " | ".join(self.findings[:3]) + (" | …" if len(self.findings) > 3 else "")
         return f"{self.map} is rejected for {number}: {first}; fix them, or leave out --strict"
 
 
-@dataclass(eq=False, repr=False)
 class MapWriteError(KnowledgeError):
     """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
 
@@ -531,7 +336,6 @@ class MapWriteError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class NameNotFoundError(KnowledgeError):
     """No entity of that kind has the name."""
 
@@ -541,13 +345,11 @@ class NameNotFoundError(KnowledgeError):
     _: KW_ONLY
     entity_type: str
     known: InitVar[Iterable[str]] = ()
-    suggestions: tuple[str, ...] = field(init=False)
 
     def __post_init__(self, known: Iterable[str]) -> None:
         self.suggestions = closest_names(self.name.rpartition("#")[2].rpartition(":")[2], known)
 
 
-@dataclass(eq=False, repr=False)
 class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
 
@@ -558,9 +360,6 @@ class AmbiguousNameError(KnowledgeError):
     entity_type: str
     candidates: Sequence[str]
 
-    def __post_init__(self) -> None:
-        self.candidates = tuple(self.candidates)
-
     def __str__(self) -> str:
         short = [known.rpartition("#")[2].rpartition("/")[2] for known in self.candidates]
         names, how = (short, "") if len({*short}) == len(short) else (self.candidates, " in full")
@@ -568,7 +367,6 @@ class AmbiguousNameError(KnowledgeError):
         return f"{self.name!r} may be any of {len(names)} {self.entity_type} names: {shown}; give one of them{how}"
 
 
-@dataclass(eq=False, repr=False)
 class QuestionNotFoundError(KnowledgeError):
     """No question has that name."""
 
@@ -577,11 +375,6 @@ class QuestionNotFoundError(KnowledgeError):
     question: str
     _: KW_ONLY
     known: Iterable[str]
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.known = tuple(self.known)
-        self.suggestions = closest_names(self.question, self.known)
 
     @property
     def remedy(self) -> str:
@@ -589,7 +382,6 @@ class QuestionNotFoundError(KnowledgeError):
         return "`mindstage questions` lists all of them"
 
 
-@dataclass(eq=False, repr=False)
 class SentenceNotUnderstoodError(KnowledgeError):
     """A plain sentence asks no declared question, or contains a name that is unknown."""
 
@@ -614,7 +406,6 @@ class SentenceNotUnderstoodError(KnowledgeError):
         return "; ".join([f"{shown!r} is not understood: {cause}", *filter(None, more)])
 
 
-@dataclass(eq=False, repr=False)
 class AmbiguousSentenceError(KnowledgeError):
     """A plain sentence can be understood in several ways."""
 
@@ -631,7 +422,6 @@ class AmbiguousSentenceError(KnowledgeError):
         return f"{text!r} may mean {len(self.candidates)} questions: {shown}; ask one of them"
 
 
-@dataclass(eq=False, repr=False)
 class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
@@ -642,7 +432,6 @@ class QuestionTimeoutError(KnowledgeError):
     timeout_s: float
 
 
-@dataclass(eq=False, repr=False)
 class QueryLimitError(KnowledgeError):
     """The limit of concurrent questions is reached."""
 
@@ -653,7 +442,6 @@ class QueryLimitError(KnowledgeError):
     pending: int
 
 
-@dataclass(eq=False, repr=False)
 class QuestionProcessError(KnowledgeError):
     """The process that answered a question has ended, for example since it needed too much memory."""
 
@@ -662,7 +450,6 @@ class QuestionProcessError(KnowledgeError):
     question: str
 
 
-@dataclass(eq=False, repr=False)
 class InvalidArgumentError(KnowledgeError):
     """A function or question has no such argument or does not accept that value, or an assertion is not valid."""
 
@@ -674,14 +461,18 @@ class InvalidArgumentError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class NumberRefusedError(InvalidArgumentError, ValueError):
     """A number is not finite, or beyond its declared range; `subject` is the parameter, `cause` the range."""
 
     code = InvalidArgumentError.code
 
 
-@dataclass(eq=False, repr=False)
+class PoseRefusedError(InvalidArgumentError, ValueError):
+    """What was given as a pose is none; `subject` is the parameter, `remedy` what is accepted."""
+
+    code = InvalidArgumentError.code
+
+
 class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
@@ -692,7 +483,6 @@ class SparqlSyntaxError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
@@ -702,7 +492,6 @@ class SparqlTimeoutError(KnowledgeError):
     timeout_s: float
 
 
-@dataclass(eq=False, repr=False)
 class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
@@ -712,7 +501,6 @@ class ReasonerUnavailableError(KnowledgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class StoreError(KnowledgeError):
     """A store folder has another content or format, or is locked by another process."""
 
@@ -724,7 +512,6 @@ class StoreError(KnowledgeError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class EndpointUnreachableError(KnowledgeError):
     """A SPARQL endpoint does not respond, or not in time."""
 
@@ -735,7 +522,6 @@ class EndpointUnreachableError(KnowledgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class EndpointError(KnowledgeError):
     """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
 
@@ -749,7 +535,6 @@ class EndpointError(KnowledgeError):
     """HTTP status code."""
 
 
-@dataclass(eq=False, repr=False)
 class ShapeNotFoundError(KnowledgeError):
     """No shape has that name."""
 
@@ -758,19 +543,13 @@ class ShapeNotFoundError(KnowledgeError):
     shape: str
     _: KW_ONLY
     known: Iterable[str] = ()
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.known = tuple(sorted(self.known))
-        self.suggestions = closest_names(self.shape, self.known)
 
     @property
     def remedy(self) -> str:
         """The end of the message where no name is similar."""
-        return f"there is {', '.join(self.known)}"
+        return f"there is {', '.join(sorted(self.known))}"
 
 
-@dataclass(eq=False, repr=False)
 class TextureNotFoundError(KnowledgeError):
     """No texture has that name."""
 
@@ -779,19 +558,13 @@ class TextureNotFoundError(KnowledgeError):
     texture: str
     _: KW_ONLY
     known: Iterable[str] = ()
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.known = tuple(sorted(self.known))
-        self.suggestions = closest_names(self.texture, self.known)
 
     @property
     def remedy(self) -> str:
         """The end of the message where no name is similar."""
-        return f"there is {', '.join(self.known)}"
+        return f"there is {', '.join(sorted(self.known))}"
 
 
-@dataclass(eq=False, repr=False)
 class InvalidShapeError(KnowledgeError):
     """A shape cannot be built: a size or a parameter is invalid."""
 
@@ -809,7 +582,6 @@ class EngineError(MindstageError):
     """A failure of the engine, independent of the world that it simulates."""
 
 
-@dataclass(eq=False, repr=False)
 class EngineUnavailableError(EngineError):
     """The engine is not installed or cannot be reached."""
 
@@ -821,7 +593,6 @@ class EngineUnavailableError(EngineError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class EngineTimeoutError(EngineError):
     """The engine did not reply in time; the command may or may not have been executed."""
 
@@ -836,7 +607,6 @@ class EngineTimeoutError(EngineError):
     timeout_s: float
 
 
-@dataclass(eq=False, repr=False)
 class UnsupportedByEngineError(EngineError):
     """The engine does not have the capability."""
 
@@ -848,7 +618,6 @@ class UnsupportedByEngineError(EngineError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class EngineClosedError(EngineError):
     """The engine was called after `close`."""
 
@@ -857,7 +626,6 @@ class EngineClosedError(EngineError):
     engine: str
 
 
-@dataclass(eq=False, repr=False)
 class EngineMemoryError(EngineError):
     """The bodies or contacts of a world need more memory than the engine may have."""
 
@@ -873,7 +641,6 @@ class EngineMemoryError(EngineError):
     """The most that the engine may have [MB]."""
 
 
-@dataclass(eq=False, repr=False)
 class SimulationDivergedError(EngineError):
     """The simulation diverged: positions, velocities or accelerations are not finite."""
 
@@ -888,7 +655,6 @@ class ImaginationError(MindstageError):
     """A plan, or a copy of a simulation, that cannot be used."""
 
 
-@dataclass(eq=False, repr=False)
 class PlanError(ImaginationError):
     """A plan that cannot be read, or that names what the world does not have."""
 
@@ -900,7 +666,6 @@ class PlanError(ImaginationError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class CommitError(ImaginationError):
     """The edits of a copy of a simulation cannot be made in the original."""
 
@@ -914,7 +679,6 @@ class EpisodeError(MindstageError):
     """An episode cannot be recorded, read or asked."""
 
 
-@dataclass(eq=False)
 class EpisodeFileError(EpisodeError):
     """A file that is no episode, that is damaged, or that cannot be written."""
 
@@ -926,7 +690,6 @@ class EpisodeFileError(EpisodeError):
     remedy: str = ""
 
 
-@dataclass(eq=False)
 class EpisodeTimeError(EpisodeError):
     """A time at which the episode has no state."""
 
@@ -943,7 +706,6 @@ class RobotError(MindstageError):
     """A robot cannot be read or commanded."""
 
 
-@dataclass(eq=False)
 class RobotModelError(RobotError):
     """A description of a robot that cannot be read."""
 
@@ -956,7 +718,6 @@ class RobotModelError(RobotError):
     remedy: str
 
 
-@dataclass(eq=False)
 class RobotNotFoundError(RobotError):
     """No robot of the simulation, or no known model, has that name."""
 
@@ -968,9 +729,8 @@ class RobotNotFoundError(RobotError):
     """What exists, or how a model is installed."""
 
 
-@dataclass(eq=False)
 class RobotLibraryError(RobotError):
-    """A library for inverse kinematics, motion planning or behavior trees is not installed."""
+    """A library for inverse kinematics or motion planning is not installed."""
 
     template = "{library} is not installed; install it with: pip install 'mindstage[{extra}]'"
 
@@ -978,7 +738,6 @@ class RobotLibraryError(RobotError):
     extra: str = "robots"
 
 
-@dataclass(eq=False)
 class CommandRefusedError(RobotError):
     """A command that is beyond a limit, or that the robot cannot execute; nothing was moved."""
 
@@ -992,7 +751,6 @@ class CommandRefusedError(RobotError):
     remedy: str
 
 
-@dataclass(eq=False)
 class SkillFailedError(RobotError):
     """A skill, or a part of one, failed; `start_skill` returns it as a result."""
 
@@ -1013,7 +771,6 @@ class SimulationError(MindstageError):
     code = "StageError"
 
 
-@dataclass(eq=False, repr=False)
 class SimulationTimeoutError(SimulationError):
     """The thread that owns the engine did not finish the call in time.
 
@@ -1044,7 +801,6 @@ class SimulationTimeoutError(SimulationError):
         return f"{busy}{rebuild if self.expected_rebuild_s else ''}"
 
 
-@dataclass(eq=False, repr=False)
 class SimulationFaultError(SimulationError):
     """A controller, an observer or the engine raised an exception, which is the cause of this one.
 
@@ -1062,7 +818,6 @@ class SimulationFaultError(SimulationError):
     """What was done about it: a controller or an observer that raised was removed."""
 
 
-@dataclass(eq=False, repr=False)
 class SimulationThreadError(SimulationError):
     """The thread that owns the engine has ended, so that no call can be executed anymore."""
 
@@ -1078,7 +833,6 @@ class BridgeError(MindstageError):
     """A failure of a bridge, of its peer or of the connection."""
 
 
-@dataclass(eq=False, repr=False)
 class BridgeUnavailableError(BridgeError):
     """The rosbridge server cannot listen at that address."""
 
@@ -1090,7 +844,6 @@ class BridgeUnavailableError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
@@ -1101,7 +854,6 @@ class AuthenticationError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class CertificateError(BridgeError):
     """A file with a certificate, a private key or authorities for TLS cannot be used."""
 
@@ -1113,7 +865,6 @@ class CertificateError(BridgeError):
     remedy: str
 
 
-@dataclass(eq=False, repr=False)
 class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
@@ -1124,7 +875,6 @@ class ConnectionLostError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class ServiceNotFoundError(BridgeError):
     """No service or action of that name is advertised."""
 
@@ -1133,13 +883,8 @@ class ServiceNotFoundError(BridgeError):
     service: str
     _: KW_ONLY
     known: InitVar[Iterable[str]] = ()
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self, known: Iterable[str]) -> None:
-        self.suggestions = closest_names(self.service, known)
 
 
-@dataclass(eq=False, repr=False)
 class ServiceTimeoutError(BridgeError):
     """A service or an action did not return in time."""
 
@@ -1152,7 +897,6 @@ class ServiceTimeoutError(BridgeError):
     timeout_s: float
 
 
-@dataclass(eq=False, repr=False)
 class ServiceCallError(BridgeError):
     """A service or an action failed for a reason other than the state of the world."""
 
@@ -1163,7 +907,6 @@ class ServiceCallError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class FailureResponseError(BridgeError):
     """A service failed, and its type can express that; the handler of a service raises it."""
 
@@ -1175,7 +918,6 @@ class FailureResponseError(BridgeError):
     """The response message, for callers at a rosbridge that only transmits messages of the type."""
 
 
-@dataclass(eq=False, repr=False)
 class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
@@ -1186,7 +928,6 @@ class AdvertiseError(BridgeError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class MessageValidationError(BridgeError):
     """A message does not match its type."""
 
@@ -1209,7 +950,6 @@ class MessageValidationError(BridgeError):
         return f"{self.path}: " if self.path else ""
 
 
-@dataclass(eq=False, repr=False)
 class TypeNotFoundError(BridgeError):
     """No message, service or action type has that name."""
 
@@ -1219,16 +959,11 @@ class TypeNotFoundError(BridgeError):
     _: KW_ONLY
     interface_type: str
     known: InitVar[Iterable[str]] = ()
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self, known: Iterable[str]) -> None:
-        self.suggestions = closest_names(self.name, known)
 
 
 # -- user interfaces ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(eq=False, repr=False)
 class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
@@ -1237,11 +972,6 @@ class InvalidColorError(MindstageError):
     color: str
     _: KW_ONLY
     known: Iterable[str]
-    suggestions: tuple[str, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.known = tuple(self.known)
-        self.suggestions = closest_names(self.color, self.known)
 
     @property
     def remedy(self) -> str:
@@ -1253,7 +983,6 @@ class PrologError(MindstageError):
     """A failure of the Prolog console."""
 
 
-@dataclass(eq=False, repr=False)
 class PrologUnavailableError(PrologError):
     """SWI-Prolog or pyswip is not installed, or already in use."""
 
@@ -1266,7 +995,6 @@ class PrologUnavailableError(PrologError):
     )
 
 
-@dataclass(eq=False, repr=False)
 class PrologGoalError(PrologError):
     """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
 
@@ -1278,7 +1006,6 @@ class PrologGoalError(PrologError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
@@ -1289,7 +1016,6 @@ class PrologTimeoutError(PrologError):
     timeout_s: float
 
 
-@dataclass(eq=False, repr=False)
 class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 
@@ -1301,41 +1027,6 @@ class ViewerUnavailableError(MindstageError):
     cause: str
 
 
-class BrowserError(MindstageError):
-    """A failure of the browser that renders pictures of the page."""
-
-
-@dataclass(eq=False, repr=False)
-class BrowserNotFoundError(BrowserError):
-    """No suitable browser is installed, or it does not start."""
-
-    code = "BrowserUnavailable"
-    template = "a browser is needed to take pictures: {cause}{hint}"
-    cause: str
-    _: KW_ONLY
-    searched: Iterable[str] = ()
-
-    def __post_init__(self) -> None:
-        self.searched = tuple(self.searched)
-
-    @property
-    def remedy(self) -> str:
-        """What can be installed, where names of programs were searched for."""
-        names = [name for name in self.searched if "/" not in name]
-        searched = f"install Chromium or Chrome, or name another with --browser; searched for {', '.join(names)}"
-        return searched if names else ""
-
-
-@dataclass(eq=False, repr=False)
-class BrowserCrashedError(BrowserError):
-    """The browser exited, returned an error, or did not reply in time."""
-
-    code = "BrowserBroken"
-    template = "the browser failed: {cause}; try again, or increase the timeout"
-    cause: str
-
-
-@dataclass(eq=False, repr=False)
 class RendererUnavailableError(MindstageError):
     """A library that a renderer of pictures needs is not installed, or does not work here."""
 
@@ -1347,7 +1038,6 @@ class RendererUnavailableError(MindstageError):
     remedy: str = ""
 
 
-@dataclass(eq=False, repr=False)
 class CacheError(MindstageError):
     """The cache directory cannot be written."""
 
@@ -1358,7 +1048,6 @@ class CacheError(MindstageError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class RequestLimitError(MindstageError):
     """A request of a client is too large, or one too many."""
 
@@ -1369,7 +1058,6 @@ class RequestLimitError(MindstageError):
     cause: str
 
 
-@dataclass(eq=False, repr=False)
 class InvalidRequestError(MindstageError):
     """A request from the page is unknown, or its arguments are invalid."""
 
@@ -1380,7 +1068,8 @@ class InvalidRequestError(MindstageError):
     _: KW_ONLY
     cause: str
     known: InitVar[Iterable[str]] = ()
-    suggestions: tuple[str, ...] = field(init=False)
 
-    def __post_init__(self, known: Iterable[str]) -> None:
-        self.suggestions = closest_names(self.subject, known)
+
+__all__ = ["closest_names", "suggestion", "without_surrogates"]
+__all__ += [name for name, each in vars().items() if isinstance(each, type) and issubclass(each, MindstageError)]
+__dir__ = __all__.copy

@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 _LOCK_TIMEOUT_S = 30.0
-_STORED_PER_SWEEP = 50
+_FILES_PER_SWEEP = 50
 _stored = count()
 _LOCK_INTERVAL_S = 0.02
 """The time between two attempts to lock a file [s]."""
@@ -232,7 +232,7 @@ def cached_content(path: Path, make: Callable[[], bytes], *, max_bytes: Index) -
     content = make()
     with suppress(OSError):  # a full or read-only disk: the next run makes it again
         atomic_write(path, content)
-        if next(_stored) % _STORED_PER_SWEEP == 0:  # listing a large directory takes as long as making some files
+        if next(_stored) % _FILES_PER_SWEEP == 0:  # listing a large directory takes as long as making some files
             delete_least_recently_used(path, max_bytes=max_bytes)
     return content
 

@@ -78,7 +78,7 @@ _FAR_AWAY_M = 3.0
 _FAR = 100.0
 """Bound of numbers that have none."""
 _POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
-_SHOWN = 10
+_SHOWN_NAMES = 10
 _LIFTED_M = 0.05
 """Distance from where a thing stood from which on it is picked up [m]."""
 _PROGRESS_REWARD = 10.0
@@ -439,7 +439,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     def _checked(self, thing: str) -> BodyId:
         if thing not in self._candidates:
-            remedy = f"choose one of {', '.join(self._candidates[:_SHOWN])}"
+            remedy = f"choose one of {', '.join(self._candidates[:_SHOWN_NAMES])}"
             raise InvalidArgumentError(thing, cause=f"{type(self).__name__} cannot be about it", remedy=remedy)
         return BodyId(thing)
 
@@ -727,7 +727,6 @@ def _free_stand(simulation: Simulation, goal: BodyId, front: Array | None) -> Ar
 
     Args:
         simulation: the place, without the robot.
-        goal: the body.
         front: the horizontal direction from the body in which a robot rather stands; None for any.
 
     Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from importlib.machinery import ModuleSpec
@@ -13,25 +13,34 @@ from typing import Any
 __all__ = ["lazy_names", "when_imported"]
 
 
-def lazy_names(package: str, modules: Sequence[str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+def lazy_names(
+    package: str, modules: Sequence[str] | Mapping[str, str], *, packages: Sequence[str] = ()
+) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """The functions `__getattr__` and `__dir__` (PEP 562) of a package that lists its names in `__all__`.
 
     Args:
         package: the name of the package.
-        modules: the absolute names of the modules that define its names, searched in this order by their `__all__`.
+        modules: the absolute names of the modules that define its names, searched in this order by their `__all__`; or
+            the module of each name that the package does not import itself.
+        packages: the names of sub-packages for users.
     """
 
     def get(name: str) -> object:
         namespace = vars(sys.modules[package])
-        for module in map(import_module, modules if name in namespace["__all__"] else ()):
+        if name in packages:
+            return import_module(f"{package}.{name}")
+        if isinstance(modules, Mapping):
+            candidates = [modules[name]] if name in modules else []
+        else:
+            candidates = list(modules) if name in namespace["__all__"] else []
+        for module in map(import_module, candidates):
             if name in module.__all__:
                 namespace[name] = getattr(module, name)
                 return namespace[name]
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     def names() -> list[str]:
-        namespace = vars(sys.modules[package])
-        return sorted({*namespace, *namespace["__all__"]})
+        return [*vars(sys.modules[package])["__all__"], *packages]
 
     return get, names
 

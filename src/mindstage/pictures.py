@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     from mindstage.scene import BodyId, Color, VisualMesh
     from mindstage.simulation import Simulation
 
-__all__ = ["PICTURE_FORMATS", "encode_picture", "picture_format", "recode_png", "shot", "simulation_scene"]
+__all__ = ["PICTURE_FORMATS", "encode_picture", "picture_format", "shot", "simulation_scene"]
 
 
 PICTURE_FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".webp": "WEBP"}
 """The formats of picture files by suffix, by their names in Pillow."""
 _QUALITY = 90
+"""Of JPEG and WebP, a percentage."""
 _GHOST_OPACITY = 0.35
 
 
@@ -46,14 +47,14 @@ def shot(
     Args:
         simulation: the simulation, with its highlights.
         path: the file to write, .png, .jpg or .webp; by default none.
-        screenshot: what the picture shows, without the panels of the page; by default the home view.
+        screenshot: what the picture shows; by default the home view.
         verdict: the outcome of a plan: where bodies end in its samples is drawn, and framed by default.
 
     Returns:
         The picture, h x w x 3, sRGB.
 
     Raises:
-        InvalidArgumentError: the suffix is unknown, or the screenshot has panels, which only the page has.
+        InvalidArgumentError: the suffix is unknown.
         BodyNotFoundError: a body of the screenshot does not exist.
         RendererUnavailableError: there is no OpenGL library.
         OSError: the file cannot be written; an existing one is unchanged.
@@ -63,9 +64,6 @@ def shot(
 
     wanted = screenshot or Screenshot()
     format = None if path is None else picture_format(path)
-    if wanted.with_panels:
-        remedy = "leave them out, or use Viewer.screenshot"
-        raise InvalidArgumentError("a picture with panels", cause="they are parts of the page", remedy=remedy)
     picture = render_picture(simulation_scene(simulation, wanted, verdict=verdict), wanted.size)
     if path is not None and format is not None:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
@@ -77,7 +75,6 @@ def simulation_scene(simulation: Simulation, screenshot: Screenshot, *, verdict:
     """What a picture of the current state of a simulation shows.
 
     Args:
-        simulation: the simulation.
         screenshot: camera, selection, labels and clipping plane.
         verdict: the outcome of a plan.
 
@@ -177,19 +174,3 @@ def encode_picture(picture: NDArray[uint8], format: str) -> bytes:
     options = {"compress_level": 4} if format == "PNG" else {"quality": _QUALITY}
     Image.fromarray(picture).save(file, format, **options)
     return file.getvalue()
-
-
-def recode_png(data: bytes, format: str) -> bytes:
-    """The bytes of a PNG file, converted to another format.
-
-    Args:
-        data: the file.
-        format: PNG, JPEG or WEBP.
-    """
-    if format == "PNG":
-        return data
-    import numpy as np
-    from PIL import Image
-
-    with Image.open(io.BytesIO(data)) as image:
-        return encode_picture(np.asarray(image.convert("RGB")), format)

@@ -24,6 +24,7 @@ _SIGKILL = 9
 _SECCOMP_SET_MODE_FILTER, _ALL_THREADS = 1, 1
 _LOAD_WORD, _JUMP_IF_EQUAL, _JUMP_IF_AT_LEAST, _RETURN = 0x20, 0x15, 0x35, 0x06
 _ALLOW, _FAIL = 0x7FFF0000, 0x00050000 | errno.EACCES
+"""These are codes of Linux, and of the programs of its filters."""
 _X32_CALLS = 0x40000000
 """System calls from this number are those of the x32 interface of x86_64."""
 
@@ -54,9 +55,11 @@ _COMPUTING = {
 
 _LANDLOCK_CREATE_RULESET, _LANDLOCK_RESTRICT_SELF = 444, 446  # on all machines
 _LANDLOCK_VERSION = 1
+"""These are codes of Linux."""
 _LANDLOCK_FILE_RIGHTS = (0x1FFF, 0x3FFF, 0x7FFF, 0x7FFF, 0xFFFF)
 """The rights to files that each version of Landlock can deny; the last one is that of all newer versions."""
 _LANDLOCK_TCP_SINCE, _LANDLOCK_TCP_RIGHTS = 4, 0x3
+"""Version of the interface, and its mask of rights."""
 
 
 def confine() -> str | None:

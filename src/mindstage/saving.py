@@ -120,7 +120,6 @@ def save_world(
     """Writes a world to a file, completely or not at all.
 
     Args:
-        world: the world.
         path: the file; its suffix determines the format (.owl, .rdf, .ttl, .mjcf, .xml, .glb, .tscn).
         knowledge: the knowledge base that the world was read from. The dialects `same` and `given` need it; MJCF, glTF
             and Godot scenes use its shape rules and mesh paths, by default those of the bundled ontology.

@@ -40,9 +40,7 @@ ALLOWED: Mapping[str, str] = {
 """Modules with constants that limit no request, each with the reason; the other rules hold for them too."""
 NOT_SERVED: Mapping[str, str] = {
     "bridge/client.py": "a client",
-    "viewer/devtools.py": "the browser that takes pictures",
     "viewer/html_export.py": "writes a file for the command line",
-    "viewer/screenshot.py": "the browser that takes pictures",
 }
 """Modules that handle no request of a client."""
 DISPATCHERS = {"bridge/calls.py", "bridge/broker.py", "bridge/server.py", "viewer/server.py", "viewer/http.py"}

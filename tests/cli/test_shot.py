@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +9,6 @@ import pytest
 from PIL import Image
 
 from tests.cli.runner import Run, WriteMap, json_output
-from tests.viewer.waiting import TIMEOUT_S, wait_until
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "webp"])
@@ -59,7 +54,6 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
         (("--highlight", "Mug", "--color", "redd"), "no color 'redd'; near: 'red'"),
         (("--highlight", "'Mug"), "cannot be read: No closing quotation"),
         (("--highlight", " "), "it is empty"),
-        (("--page", "--browser", "netscape"), "there is no program 'netscape'"),
     ],
 )
 def test_invalid_options_exit_2_before_the_map_is_read(
@@ -86,14 +80,6 @@ def test_unknown_bodies_are_errors(run: Run, write_map: WriteMap, tmp_path: Path
     assert not (tmp_path / "x.png").exists()
 
 
-def test_the_page_is_photographed_in_a_browser(run: Run, write_map: WriteMap, tmp_path: Path, chromium: Path) -> None:
-    command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.jpg", "--engine", "null")
-    result = run(*command, "--page", "--size", "400x300", "--browser", chromium, "--timeout", 300)
-    assert result.exit_code == 0, result.output
-    with Image.open(tmp_path / "x.jpg") as image:
-        assert (image.format, image.size) == ("JPEG", (400, 300))
-
-
 def test_unknown_bodies_cannot_be_highlighted_or_opened(run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     command = ("shot", write_map("mugs.owl", mugs={"X": "0 0 0"}), "-o", tmp_path / "x.png", "--engine", "null")
     result = run(*command, "--highlight", "Mugg")
@@ -109,19 +95,3 @@ def test_a_missing_folder_of_meshes_is_an_error(run: Run, write_map: WriteMap, t
     result = run(*command, "--engine", "null", "--assets", tmp_path / "meshes")
     assert result.exit_code == 2
     assert "there is no such folder; --assets takes folders of mesh files" in " ".join(result.stderr.split())
-
-
-def test_sigterm_closes_the_browser(tmp_path: Path, chromium: Path) -> None:
-    folder = tmp_path / "temporary"
-    folder.mkdir()
-    command = ["shot", "bundled:kitchen", "-o", tmp_path / "x.png", "--engine", "null", "--page", "--browser", chromium]
-    with subprocess.Popen(
-        [sys.executable, "-m", "mindstage", *map(str, command)],
-        env=os.environ | {"TMPDIR": str(folder)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        wait_until(lambda: list(folder.glob("mindstage-browser-*/*")), "the browser has started")
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(TIMEOUT_S) == 128 + signal.SIGTERM
-    assert list(folder.glob("mindstage-browser-*")) == []

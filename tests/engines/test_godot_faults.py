@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.bridge import RosbridgeClient
-from mindstage.engines import godot_process as program
-from mindstage.engines import godot_process as project
+from mindstage.engines.remote import godot_process as program
+from mindstage.engines.remote import godot_process as project
 from mindstage.engines.remote.godot import GodotEngine
 from mindstage.engines.remote.godot_process import GodotExecutable, find_godot
 from mindstage.errors import (

@@ -378,6 +378,24 @@ def test_a_slow_touch_is_no_collision_and_the_rebounds_of_one_are_not_counted() 
     assert hits[0].amount == pytest.approx(1.0, rel=0.2)  # 1 kg that had 1 m/s
 
 
+def test_the_impulse_of_bodies_of_unknown_mass_is_the_sum_of_the_forces() -> None:
+    cart = body("cart", (0.0, 0.0, 0.05), (0.1, 0.1, 0.1))
+    structure = world(
+        FLOOR,
+        body("wall", (1.0, 0.0, 0.5), (0.1, 1.0, 1.0), Mobility.STATIC),
+        replace(cart, physics=replace(cart.physics, mass_kg=None)),
+    )
+
+    def contacts(t: float) -> tuple[Contact, ...]:
+        force = {27: 10.0, 28: 20.0, 29: 30.0}.get(round(t * RATE_HZ))
+        return () if force is None else (touching("cart", "wall", (1.0, 0.0, 0.0), force),)
+
+    frames = made_up(structure, {"cart": lambda t: (min(t, 0.9), 0.0, 0.05)}, 2.0, contacts=contacts)
+    (hit,) = events_of(frames, K.COLLISION)
+    assert hit.amount == pytest.approx((10.0 + 20.0 + 30.0) / RATE_HZ)
+    assert "up to 30.0 N" in " ".join(hit.evidence)
+
+
 # -- slides and tips ---------------------------------------------------------------------------------------------------
 
 

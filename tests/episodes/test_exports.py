@@ -6,7 +6,6 @@ import csv
 import json
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,11 @@ import pytest
 from hypothesis import given, settings
 from msgspec.structs import replace
 
-from mindstage.episodes import EpisodeFrame, FrameRecording
-from mindstage.episodes.exports import write_csv, write_lerobot, write_rrd
+from mindstage.episodes import FrameRecording
+from mindstage.episodes.exports import write_csv, write_lerobot
 from mindstage.errors import EpisodeError, EpisodeFileError
-from mindstage.scene import BodyGeometry, BodyId, PbrMaterial, VisualMesh
-from tests.episodes.episodes import DRAWER, EVENTS, MUG, episodes, kitchenette_episode
-from tests.kitchenette import kitchenette
+from mindstage.scene import BodyId
+from tests.episodes.episodes import DRAWER, EVENTS, episodes, kitchenette_episode
 
 # -- CSV ---------------------------------------------------------------------------------------------------------------
 
@@ -194,162 +192,3 @@ def test_without_pyarrow_the_error_names_the_extra(tmp_path: Path, monkeypatch: 
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(EpisodeFileError, match=r"pyarrow is not installed.*mindstage\[lerobot\]"):
         write_lerobot([kitchenette_episode()], tmp_path)
-
-
-# -- rerun -------------------------------------------------------------------------------------------------------------
-
-
-class Logged:
-    """An archetype of rerun, as it was constructed."""
-
-    def __init__(self, name: str, *args: Any, **fields: Any) -> None:
-        self.name, self.args, self.fields = name, args, fields
-
-
-class FakeStream:
-    """The part of rerun's `RecordingStream` that is used; keeps what is logged, with its time."""
-
-    def __init__(self, application: str, *, recording_id: str | None = None) -> None:
-        self.time: float | None = None
-        self.log_of: list[tuple[float | None, str, Any]] = []
-        STREAMS.append(self)
-
-    def save(self, path: str) -> None:
-        self.path = path
-
-    def set_time(self, timeline: str, *, duration: float) -> None:
-        self.time = duration
-
-    def log(self, path: str, what: Any, *, static: bool = False) -> None:
-        self.log_of.append((None if static else self.time, path, what))
-
-    def flush(self) -> None:
-        pass
-
-    def disconnect(self) -> None:
-        self.closed = True
-
-
-STREAMS: list[FakeStream] = []
-
-
-@pytest.fixture
-def stream(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
-    """Writes an episode with a stand-in for rerun, whose wheel has 170 MB; returns what was logged."""
-    module: Any = ModuleType("rerun")
-    module.RecordingStream = FakeStream
-    for name in ["Transform3D", "Quaternion", "Mesh3D", "Boxes3D", "Scalars", "TextLog", "Clear"]:
-        setattr(module, name, lambda *args, _name=name, **fields: Logged(_name, *args, **fields))
-    module.ViewCoordinates = Logged("ViewCoordinates")
-    module.ViewCoordinates.RIGHT_HAND_Z_UP = "up"  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "rerun", module)
-
-    def write(recording: FrameRecording) -> list[tuple[float | None, str, Any]]:
-        write_rrd(recording, tmp_path / "unused.rrd")
-        return STREAMS.pop().log_of
-
-    return write
-
-
-def test_rerun_gets_each_mesh_once_and_each_pose_when_it_changes(stream: Any) -> None:
-    episode = kitchenette_episode()
-    log = stream(episode)
-    drawn = [path for _, path, what in log if getattr(what, "name", "") in {"Mesh3D", "Boxes3D"}]
-    assert len(set(drawn)) == len(drawn)
-    assert {path.split("/")[1] for path in drawn} == {body.id for body in kitchenette().bodies}
-    moves = [(time, what) for time, path, what in log if path == "world/Drawer" and what.name == "Transform3D"]
-    assert len(moves) > 10
-    for time, what in moves:
-        frame = episode.frame_at(time)
-        row = frame.poses[frame.ids.index(DRAWER)]
-        assert what.fields["translation"] == row[:3].tolist()
-        assert what.fields["rotation"].fields["xyzw"] == pytest.approx(np.roll(row[3:], -1), abs=1e-12)
-    assert sum(path == "world/Floor" for _, path, _ in log) == 1
-
-
-def test_rerun_gets_joints_and_events_at_their_times(stream: Any) -> None:
-    log = stream(kitchenette_episode())
-    slides = [(time, what.args[0]) for time, path, what in log if path == "joints/DrawerSlide/x"]
-    assert slides[0] == (0.0, 0.0)
-    assert len(slides) > 10
-    for time, position in slides:
-        joints = kitchenette_episode().frame_at(time).joint_positions
-        assert joints is not None
-        assert position == joints[BodyId("DrawerSlide")][0]
-    texts = {time: what.args[0] for time, path, what in log if path == "events"}
-    assert texts[0.25].startswith("Opening Drawer")
-    assert "not ended" in texts[0.0]
-
-
-def test_rerun_clears_what_was_deleted(stream: Any) -> None:
-    world = kitchenette()
-    fewer = replace(world, bodies=tuple(body for body in world.bodies if body.id != MUG))
-    frames = [
-        EpisodeFrame(
-            time_s=float(time),
-            structure=each,
-            ids=tuple(body.id for body in each.bodies),
-            poses=np.array([(*body.pose.position, *body.pose.quaternion) for body in each.bodies]),
-        )
-        for time, each in enumerate((world, fewer, world))
-    ]
-    log = stream(FrameRecording(frames))
-    about_mug = [(time, what.name) for time, path, what in log if path.startswith("world/Mug")]
-    assert about_mug == [(0.0, "Boxes3D"), (0.0, "Transform3D"), (1.0, "Clear"), (2.0, "Boxes3D"), (2.0, "Transform3D")]
-
-
-def test_rerun_itself_writes_the_file(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="rerun is not installed (extra rerun; its wheel has 170 MB)")
-    path = tmp_path / "run.rrd"
-    write_rrd(kitchenette_episode(), path)
-    assert path.read_bytes().startswith(b"RRF")
-
-
-def test_without_rerun_the_error_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(EpisodeFileError, match=r"rerun is not installed.*mindstage\[rerun\]"):
-        write_rrd(kitchenette_episode(), tmp_path / "run.rrd")
-
-
-def test_rerun_gets_every_event_with_what_takes_part(stream: Any) -> None:
-    log = stream(kitchenette_episode())
-    assert [(time, path, what.args[0]) for time, path, what in log if path == "events"] == [
-        (0.0, "events", "SupportedBy Mug Cupboard (not ended)"),
-        (0.1, "events", "Contact Mug Drawer (until 0.90 s)"),
-        (0.25, "events", "Opening Drawer DrawerSlide, viewer (until 1.00 s)"),
-        (0.5, "events", "Grasping DrawerHandle DrawerHandle (until 0.75 s)"),
-    ]
-
-
-def test_rerun_gets_meshes_with_their_colors_and_bodies_without_as_boxes(stream: Any) -> None:
-    world = kitchenette()
-    floor = replace(world.body("Floor"), id=BodyId("Müller's/floor 1"), size=(6.0, 5.0, 0.1))
-    world = replace(world, bodies=(world.body("Mug"), floor), joints=(), attachments=())
-    points, normals = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0.0, 0, 1]] * 3)
-    red = VisualMesh(points, np.array([[0, 1, 2]]), PbrMaterial(color=(1.0, 0.2, 0.0), opacity=0.6), normals)
-    plain = VisualMesh(points + 1.0, np.array([[2, 1, 0]]), PbrMaterial(color=(0.0, 0.0, 1.0)))
-    frame = EpisodeFrame(
-        time_s=0.5,
-        structure=world,
-        ids=tuple(body.id for body in world.bodies),
-        poses=np.array([(1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 2.0), (4.0, 5.0, 6.0, 1.0, 0.0, 0.0, 0.0)]),
-    )
-    log = {
-        path: (time, what.fields)
-        for time, path, what in stream(FrameRecording([frame], geometry={MUG: BodyGeometry("key", (red, plain), ())}))
-        if path != "world"
-    }
-    name = "world/Müller\\'s\\/floor\\ 1"
-    assert log.keys() == {"world/Mug", "world/Mug/mesh0", "world/Mug/mesh1", name, f"{name}/box"}
-    assert {time for time, _ in log.values()} == {0.5}
-    assert log["world/Mug/mesh0"][1]["albedo_factor"] == [255, 51, 0, 153]
-    assert log["world/Mug/mesh1"][1]["albedo_factor"] == [0, 0, 255, 255]
-    for number, visual in enumerate((red, plain)):
-        fields = log[f"world/Mug/mesh{number}"][1]
-        assert fields["vertex_positions"].tolist() == visual.points.tolist()
-        assert fields["triangle_indices"].tolist() == visual.faces.tolist()
-    assert log["world/Mug/mesh0"][1]["vertex_normals"].tolist() == normals.tolist()
-    assert log["world/Mug/mesh1"][1]["vertex_normals"] is None
-    assert log[f"{name}/box"][1]["sizes"] == [[6.0, 5.0, 0.1]]
-    assert log["world/Mug"][1]["translation"] == [1.0, 2.0, 3.0]
-    assert log["world/Mug"][1]["rotation"].fields["xyzw"] == [0.0, 0.0, 1.0, 0.0], "normalized, and w last"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,17 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from mindstage.engines import make_engine
+from mindstage.engines.base import Engine
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import Recorder, RecordingFolder
+from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
+from tests.conftest import missing
 from tests.kitchenette import kitchenette
 
 
@@ -100,6 +104,30 @@ def test_every_message_is_read_by_two_other_programs(simulation: Simulation, tmp
     assert [(each.a, each.b, each.force_n) for each in contacts] == [
         (each.a, each.b or "", each.force_n) for each in live
     ]
+
+
+def test_rerun_opens_an_episode(simulation: Simulation, tmp_path: Path) -> None:
+    rerun = Path(sys.executable).with_name("rerun")
+    if not rerun.is_file():
+        missing("rerun is not installed (rerun-sdk)")
+    drop_the_mug(simulation, tmp_path / "run.mcap")
+    with AnyReader([tmp_path / "run.mcap"]) as reader:
+        moves = [each for each in reader.connections if each.topic == "/tf"]
+        transforms = sum(
+            len(reader.deserialize(data, connection.msgtype).transforms)  # type: ignore[attr-defined]
+            for connection, _, data in reader.messages(moves)
+        )
+    convert = [rerun, "mcap", "convert", tmp_path / "run.mcap", "-o", tmp_path / "run.rrd"]
+    subprocess.run(convert, check=True, capture_output=True, timeout=120)
+    shown = subprocess.run([rerun, "rrd", "print", tmp_path / "run.rrd"], check=True, capture_output=True, timeout=120)
+    rows: dict[str, int] = {}
+    for count, name, columns in re.findall(
+        r"with (\d+) rows .* - (\S+) - data columns: \[(.*)\]", shown.stdout.decode()
+    ):
+        if "Transform3D:" in columns or "Scalars:" in columns:
+            rows[name] = rows.get(name, 0) + int(count)
+    assert rows["/tf"] == transforms > 10
+    assert rows["/joint_states/position"] > 0
 
 
 def test_only_what_moved_is_written(simulation: Simulation, tmp_path: Path) -> None:
@@ -182,6 +210,79 @@ def test_events_detected_while_recording_are_those_detected_from_the_file(
         opening = next(event for event in events if event.kind.value == "Opening")
         assert opening.thing == "Drawer"
         assert 0.0 <= opening.begin_s < 0.3
+
+
+HAND = Body(
+    id=BodyId("Hand"),
+    iri=Iri("http://example.org/hand"),
+    cls=Iri("http://example.org/Hand"),
+    pose=Pose((2.0, 0.0, 1.2)),
+    size=(0.1, 0.1, 0.1),
+    physics=BodyPhysics(mobility=Mobility.KINEMATIC),
+)
+MUG = BodyId("Mug")
+
+
+def edit(simulation: Simulation, function: Callable[[Engine], object]) -> None:
+    simulation.run_on_engine(function, edits=True)
+
+
+def lift(simulation: Simulation, height: float) -> None:
+    """Moves the hand up in ten steps of a third of a second altogether."""
+    x, y, z = simulation.snapshot().body("Hand").pose.position
+    for number in range(1, 11):
+        place = Pose((x, y, z + height * number / 10))
+        edit(simulation, lambda engine, place=place: engine.set_pose(HAND.id, place))  # type: ignore[misc]
+        simulation.step(1 / 30)
+
+
+def put_into_an_empty_world(simulation: Simulation) -> None:
+    simulation.clear()
+    simulation.step(0.1)
+    simulation.spawn(kitchenette())
+
+
+def lift_and_delete_the_hand(simulation: Simulation) -> None:
+    edit(simulation, lambda engine: engine.attach(HAND.id, MUG))
+    lift(simulation, 0.3)
+    edit(simulation, lambda engine: engine.delete([HAND.id]))
+
+
+def delete_the_hand_at_once(simulation: Simulation) -> None:
+    edit(simulation, lambda engine: engine.attach(HAND.id, MUG))
+    simulation.step(0.2)
+    edit(simulation, lambda engine: engine.delete([HAND.id]))
+
+
+def delete_the_support(simulation: Simulation) -> None:
+    def change(engine: Engine) -> None:
+        engine.delete([BodyId("Cupboard"), BodyId("Drawer"), BodyId("DrawerHandle")])
+        engine.attach(HAND.id, MUG)
+
+    edit(simulation, change)
+
+
+@pytest.mark.parametrize(
+    "edits",
+    [put_into_an_empty_world, lift_and_delete_the_hand, delete_the_hand_at_once, delete_the_support],
+    ids=lambda each: each.__name__,
+)
+def test_no_edit_ends_a_recording(simulation: Simulation, tmp_path: Path, edits: Callable[[Simulation], None]) -> None:
+    simulation.spawn(World(iri=HAND.iri, bodies=(HAND,)))
+    with Recorder(simulation, tmp_path / "run.mcap"):
+        simulation.step(0.3)
+        edits(simulation)
+        simulation.step(0.5)
+        ids = set(simulation.state.ids)
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        assert set(episode.frame_at(episode.end_s).ids) == ids
+        grasps = [event for event in episode.events() if event.kind is EpisodeEventKind.GRASP]
+        assert [event.thing for event in grasps] == ([] if edits is put_into_an_empty_world else [MUG])
+        picked_up = [event for event in episode.events() if event.kind is EpisodeEventKind.PICK_UP]
+        assert [event.agent for event in picked_up] == (["Hand"] if edits is lift_and_delete_the_hand else [])
+        for event in grasps:
+            assert event.begin_s == pytest.approx(0.3, abs=0.05)
+            assert (event.end_s is None) == (HAND.id in ids)
 
 
 def test_events_of_a_recording_without_them_are_detected_when_it_is_read(

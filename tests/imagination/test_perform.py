@@ -242,7 +242,7 @@ def test_a_plan_that_no_robot_can_follow_is_refused_with_its_line(
 ) -> None:
     file = load_plan(f"steps:\n  - do: perform\n    {step}\n", name="plan.yaml")
     with room.restore() as sim, pytest.raises(PlanError) as refused:
-        file.validate(sim)
+        validate_plan(file, sim)
     assert place in str(refused.value)
     assert cause in str(refused.value)
     assert "plan.yaml:" in str(refused.value)

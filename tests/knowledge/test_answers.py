@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
+from weakref import ref
 
 import msgspec
 import pytest
 
 from mindstage.errors import AmbiguousNameError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.queries import StoragePlace, list_questions
+from mindstage.knowledge.queries import Answers, StoragePlace, get_question, list_questions
 from mindstage.scene import Iri
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
@@ -87,10 +89,32 @@ def test_the_repr_of_a_knowledge_base_lists_its_maps(kb: KnowledgeBase, tmp_path
     assert repr(KnowledgeBase(bundled_ontology=False)) == "<KnowledgeBase: 0 maps, 0 sources>"
 
 
-def test_answers_have_no_members_without_their_knowledge_base() -> None:
-    knowledge = KnowledgeBase()
-    knowledge.load("bundled:kitchen")
-    (row,) = knowledge.ask("storage_place", item="CowsMilk")
-    assert row.instances
-    del knowledge
-    assert row.instances == (), "answers keep no knowledge base alive"
+def closed_base(question: str, **args: str) -> tuple[Answers[Any], ref[KnowledgeBase]]:
+    """The answers of a knowledge base that was closed and is not referred to any more."""
+    with KnowledgeBase() as knowledge:
+        knowledge.load("bundled:kitchen")
+        return knowledge.ask(question, **args), ref(knowledge)
+
+
+def test_answers_about_classes_have_members_when_their_knowledge_base_is_gone() -> None:
+    answers, base = closed_base("storage_place", item="CowsMilk")
+    assert answers[0].instances == (f"{KITCHEN}fridge",)
+    assert answers[0].individual == f"{KITCHEN}fridge"
+    row = answers[0]
+    del answers
+    assert row.individual == f"{KITCHEN}fridge"
+    del row
+    assert base() is None, "it is freed with the answers, without a run of the garbage collector"
+
+
+def test_answers_about_individuals_keep_no_knowledge_base_alive() -> None:
+    answers, base = closed_base("openings", thing="fridge")
+    assert base() is None
+    assert {row.individual for row in answers} == {f"{KITCHEN}fridge_door"}
+
+
+def test_answers_of_another_process_have_no_members() -> None:
+    row = StoragePlace(item=Iri("a"), place=Iri("b"), because_of=Iri("c"), generality=0)
+    answers = Answers(get_question("storage_place"), {}, [row], ())
+    with pytest.raises(AttributeError, match="without a knowledge base"):
+        answers[0].instances  # noqa: B018

@@ -90,6 +90,17 @@ def test_assumptions_are_reported_with_evidence(tmp_path: Path) -> None:
     assert all(assumption.map == individual("room") for assumption in assumptions.values())
 
 
+def test_a_copy_as_bytes_has_the_assumptions_and_findings_of_its_worlds(tmp_path: Path) -> None:
+    (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
+    knowledge = knowledge_base_from(tmp_path / "map.ttl")
+    world = knowledge.world()
+    copy = KnowledgeBase.from_bytes(knowledge.to_bytes())
+    assert len(copy.assumptions()) >= 3
+    assert (copy.assumptions(), copy.findings()) == (knowledge.assumptions(), knowledge.findings())
+    assert copy.world() == world
+    assert KnowledgeBase.from_bytes(copy.to_bytes()).assumptions() == knowledge.assumptions()
+
+
 def test_conventions_of_the_user_take_precedence(tmp_path: Path) -> None:
     (tmp_path / "map.ttl").write_text(fridge(), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)

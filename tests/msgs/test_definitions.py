@@ -68,6 +68,7 @@ def message_name(cls: Any) -> str:
 @pytest.fixture
 def generator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """The script, working on one package in a temporary folder."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     spec = importlib.util.spec_from_file_location("make_messages", ROOT / "scripts" / "make_messages.py")
     assert spec
     assert spec.loader
@@ -119,7 +120,9 @@ def test_check_finds_what_was_not_generated(
     (generator.GENERATED / "old_msgs.py").write_text("", encoding="utf-8")
     capsys.readouterr()
     assert run(generator, monkeypatch, "# A cup.\n\nfloat64 fill\n", "--check") == 1
-    assert "generated/cup_msgs.py: 1 lines added, 1 removed" in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert [line.rpartition("/")[2] for line in printed.out.splitlines()] == ["cup_msgs.py", "old_msgs.py"]
+    assert "out of date: run make_messages.py" in printed.err
     assert (generator.GENERATED / "cup_msgs.py").read_text(encoding="utf-8") == before
     assert run(generator, monkeypatch, "# A cup.\n\nfloat64 fill\n") == 0
     assert not (generator.GENERATED / "old_msgs.py").exists()

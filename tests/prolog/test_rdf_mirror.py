@@ -61,6 +61,45 @@ def small(prolog: Path) -> Iterator[tuple[KnowledgeBase, PrologConsole]]:
         yield knowledge, console
 
 
+def test_class_expressions_are_terms(small: tuple[KnowledgeBase, PrologConsole], tmp_path: Path) -> None:
+    knowledge, console = small
+    path = tmp_path / "classes.ttl"
+    path.write_text(
+        """
+        @prefix : <http://a/> . @prefix owl: <http://www.w3.org/2002/07/owl#> .
+        :A a owl:Class . :B a owl:Class . :a a :A . :b a :B . :p a owl:ObjectProperty .
+        :one owl:equivalentClass [ a owl:Class ; owl:oneOf ( :a :b ) ] .
+        :union owl:equivalentClass [ a owl:Class ; owl:unionOf ( :A :B ) ] .
+        :both owl:equivalentClass [ a owl:Class ; owl:intersectionOf ( :A :B ) ] .
+        :not owl:equivalentClass [ a owl:Class ; owl:complementOf :A ] .
+        :some owl:equivalentClass [ a owl:Restriction ; owl:onProperty :p ; owl:someValuesFrom :A ] .
+        :all owl:equivalentClass [ a owl:Restriction ; owl:onProperty :p ; owl:allValuesFrom :A ] .
+        :value owl:equivalentClass [ a owl:Restriction ; owl:onProperty :p ; owl:hasValue :a ] .
+        :min owl:equivalentClass [ a owl:Restriction ; owl:onProperty :p ; owl:minCardinality 2 ] .
+        :max owl:equivalentClass [ a owl:Restriction ; owl:onProperty :p ; owl:maxCardinality 2 ] .
+        :exactly owl:equivalentClass [ a owl:Restriction ; owl:onProperty :p ; owl:cardinality 2 ] .
+        """,
+        encoding="utf-8",
+    )
+    knowledge.load(path)
+    of_p = "restriction('http://a/p', {})"
+    expected = {
+        "one": "one_of(['http://a/a', 'http://a/b'])",
+        "union": "union_of(['http://a/A', 'http://a/B'])",
+        "both": "intersection_of(['http://a/A', 'http://a/B'])",
+        "not": "complement_of('http://a/A')",
+        "some": of_p.format("some_values_from('http://a/A')"),
+        "all": of_p.format("all_values_from('http://a/A')"),
+        "value": of_p.format("has_value('http://a/a')"),
+        "min": of_p.format("cardinality(2, inf)"),
+        "max": of_p.format("cardinality(0, 2)"),
+        "exactly": of_p.format("cardinality(2, 2)"),
+    }
+    for name, term in expected.items():
+        node = f"rdf('http://a/{name}', owl:equivalentClass, Node)"
+        assert console.holds(f"{node}, owl_description(Node, {term})"), name
+
+
 def as_prolog(term: RdfTerm) -> str:
     text = term.value.replace("\\", "\\\\").replace("'", "\\'").replace("\n", "\\n")
     match term.kind:

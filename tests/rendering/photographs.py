@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 import mindstage as ms
 from mindstage.rendering import Screenshot
@@ -18,11 +20,12 @@ from mindstage.rendering.render_scene import RenderScene
 from mindstage.simulation.pictures import ScenePhotographer
 from tests.kitchenette import kitchenette
 from tests.rendering.similarity import REFERENCES
+from tests.viewer.view_pictures import launch_browser, view_picture
 
 if TYPE_CHECKING:
     from mindstage.simulation import Simulation
 
-__all__ = ["MAPS", "RENDERERS", "SIZE", "path_traced", "photographed", "reference_path"]
+__all__ = ["MAPS", "RENDERERS", "SIZE", "by_page", "path_traced", "photographed", "reference_path"]
 
 SIZE = (480, 300)
 MAPS = {
@@ -59,14 +62,21 @@ def _by_mujoco(sim: Simulation) -> NDArray[np.uint8]:
     return ms.shot(sim, screenshot=Screenshot(size=SIZE))
 
 
-def _by_page(sim: Simulation) -> NDArray[np.uint8]:
-    import io
-
-    from PIL import Image
-
+def by_page(sim: Simulation, browser: Any) -> NDArray[np.uint8]:
+    """A picture of the 3D view of the page."""
     with ms.view(sim, port=0) as viewer:
-        data = viewer.screenshot(Screenshot(size=SIZE, timeout_s=300.0))
+        data = view_picture(browser, viewer, SIZE)
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
+
+
+def _by_new_browser(sim: Simulation) -> NDArray[np.uint8]:
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = launch_browser(playwright)
+        picture = by_page(sim, browser)
+        browser.close()
+    return picture
 
 
 def _by_path_tracing(sim: Simulation) -> NDArray[np.uint8]:
@@ -81,7 +91,7 @@ def path_traced(scene: RenderScene, **changes: float) -> NDArray[np.uint8]:
 
 RENDERERS: dict[str, Callable[[Simulation], NDArray[np.uint8]]] = {
     "mujoco": _by_mujoco,
-    "page": _by_page,
+    "page": _by_new_browser,
     "path": _by_path_tracing,
 }
 

@@ -177,6 +177,17 @@ def test_without_visuals_collision_shapes_are_drawn() -> None:
     assert vertices.max(axis=0) == pytest.approx([1.1, 1.0, 2.0], abs=1e-6)
 
 
+@pytest.mark.parametrize("type", [CollisionShapeType.BOX, CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER])
+def test_the_normals_of_collision_shapes_point_outwards_however_they_are_turned(type: CollisionShapeType) -> None:
+    shape = CollisionShape(type=type, size=(0.2, 0.2, 0.2), pose=Pose((1.0, 2.0, 3.0), (0.8, 0.48, 0.36, 0.0)))
+    geometry = BodyGeometry("k", (), (shape,))
+    (visual,) = appearance_of(body("it", "Cup", (0.0, 0.0, 0.0), None), geometry={"it": geometry}).visuals
+    assert visual.normals is not None
+    outwards = ((visual.points - [1.0, 2.0, 3.0]) * visual.normals).sum(axis=1)
+    assert outwards == pytest.approx(np.full(len(outwards), 0.1), abs=0.01)
+    assert np.linalg.norm(visual.normals, axis=1) == pytest.approx(np.ones(len(outwards)))
+
+
 @pytest.mark.parametrize("shape", [None, *PrimitiveType])
 def test_without_geometry_the_primitive_shape_is_drawn(shape: PrimitiveType | None) -> None:
     appearance = appearance_of(body("it", "Cup", (0.0, 0.0, 0.0), (0.1, 0.2, 0.3), shape=shape))

@@ -10,6 +10,7 @@ from mindstage import KnowledgeBase
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
 from mindstage.rendering.camera import (
     CameraPose,
+    FramingTarget,
     ViewFrame,
     corners,
     focus_camera,
@@ -81,6 +82,18 @@ def test_in_the_top_view_walls_are_parallel_to_the_window(aspect: float) -> None
     view = initial_target(kitchenette(), appearances_of(kitchenette())).top_camera(aspect)
     x, y, _ = np.subtract(view.position, view.look_at)
     assert min(abs(x), abs(y)) < 0.01 * max(abs(x), abs(y))
+
+
+@pytest.mark.parametrize("azimuth", [0.4, 2.0, -2.5])
+def test_the_top_view_of_a_turned_room_is_turned_like_it(azimuth: float) -> None:
+    yaw = 0.3
+    along_x = furniture()[:, [1, 0, 2]]
+    turned = along_x @ np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0, 0, 1.0]])
+    view = FramingTarget(turned, azimuth, alignment_rad=yaw).top_camera(1.2)
+    x, y, _ = np.subtract(view.position, view.look_at)
+    beside = (np.arctan2(y, x) - yaw + np.pi / 4) % (np.pi / 2) - np.pi / 4
+    assert beside == pytest.approx(0.0, abs=0.01), "the walls are parallel to the window"
+    assert abs((np.arctan2(y, x) - azimuth + np.pi) % (2 * np.pi) - np.pi) <= np.pi / 2, "on the side of the other view"
 
 
 @pytest.mark.parametrize("eye", [(0.0, -4.0, 2.0), (2.0, 0.0, 9.0), (1.0, 0.0, 0.7)])

@@ -39,13 +39,6 @@ def test_pictures_of_mujoco_are_as_the_references(name: str, request: pytest.Fix
 
 
 @each_map
-def test_pictures_of_the_page_are_as_the_references(name: str, request: pytest.FixtureRequest, chromium: Path) -> None:
-    with photographed(name, samples_of(name, request)) as sim:
-        picture = RENDERERS["page"](sim)
-    assert picture_similarity(picture, read_picture(reference_path(name, "page"))) > LEAST_SIMILARITY
-
-
-@each_map
 def test_path_traced_pictures_are_as_the_references(name: str, request: pytest.FixtureRequest) -> None:
     pytest.importorskip("mitsuba", reason="needs the extra render")
     with photographed(name, samples_of(name, request)) as sim:

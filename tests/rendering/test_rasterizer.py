@@ -13,7 +13,7 @@ from mindstage.errors import RendererUnavailableError
 from mindstage.rendering import CameraPose, gl_context, rasterizer
 from mindstage.rendering.camera import ViewFrame
 from mindstage.rendering.rasterizer import render_picture, sun_direction
-from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
+from mindstage.rendering.render_scene import RenderItem, RenderLabel, RenderLight, RenderScene
 from mindstage.scene import BodyId, LightType, PbrMaterial, Pose, Vector, VisualMesh
 from mindstage.scene.mesh import box
 
@@ -140,6 +140,17 @@ def test_highlighted_bodies_are_outlined_through_what_is_in_front() -> None:
     picture = render_picture(scene(item("case", (0, 0, 0.3), (0.6, 0.6, 0.6)), inside), SIZE)
     red, green, blue = around(picture, (0, 0, 0.45))
     assert green > max(red, blue) + 20
+
+
+def test_a_label_is_drawn_only_where_its_body_is_seen() -> None:
+    hidden, front = item("hidden", (0.0, 1.0, 0.3), (0.3, 0.3, 0.3)), item("front", (0.0, 0.0, 0.3), (1.5, 0.1, 1.2))
+    label = RenderLabel(text="hidden", point=(0.0, 1.0, 0.3), id=BodyId("hidden"), radius=0.26)
+    open_view, blocked = scene(hidden), scene(hidden, front)
+    drawn = [
+        np.any(render_picture(each, SIZE) != render_picture(msgspec.structs.replace(each, labels=(label,)), SIZE))
+        for each in (open_view, blocked)
+    ]
+    assert drawn == [True, False]
 
 
 def test_a_section_shows_the_inside_dark() -> None:

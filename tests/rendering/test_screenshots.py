@@ -102,7 +102,6 @@ def test_a_camera_straight_above_is_moved_a_little_so_that_it_has_an_upper_edge(
         ({"size": (0, 100)}, "size 0: it must be an integer from 1 to 8192"),
         ({"size": (100, 99_999)}, "size 99999: it must be an integer from 1 to 8192"),
         ({"position": (1.0, 2.0, 3.0), "look_at": (1.0, 2.0, 3.0)}, "position and look_at are equal"),
-        ({"panel": "ask"}, "ask: there are no panels in the picture"),
     ],
 )
 def test_an_impossible_picture_is_refused(shown: dict[str, Any], message: str) -> None:

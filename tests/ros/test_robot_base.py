@@ -86,6 +86,8 @@ def test_odometry_is_the_transform_of_tf(robot_client: RobotClient) -> None:
 def test_a_robot_that_drives_into_a_wall_stops_and_says_so(robot_client: RobotClient) -> None:
     diagnostics = robot_client.subscribe("/mindstage/diagnostics", "diagnostic_msgs/DiagnosticArray")
     drive_until(robot_client, twist(0.4, -0.1), lambda: "blocked by" in str(diagnostics))
+    (status,) = (each for array in diagnostics for each in array["status"] if "blocked by" in each["message"])
+    assert status["name"] == "mindstage: cmd_vel"
     assert "Cupboard" in str(diagnostics) or "Drawer" in str(diagnostics) or "Fridge" in str(diagnostics)
     robot_client.wait_for("odom", 50)
     held = odometry(robot_client)

@@ -285,6 +285,54 @@ def test_a_robot_of_a_known_make_has_the_controllers_of_its_driver(
     assert set(specs["joint_trajectory_controller"].joints) == {joint.name for joint in model.actuated_joints}
 
 
+MJCF = """
+<mujoco model="arm">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="base">
+      <geom type="box" size="0.1 0.2 0.3" pos="0.01 0.02 0.03" euler="0.1 0.2 0.3"/>
+      <inertial pos="0.1 0.2 0.3" mass="7" fullinertia="0.3 0.4 0.5 0.01 0.02 0.03"/>
+      <body name="upper" pos="0.1 0.2 0.3" euler="0.4 0.5 0.6">
+        <joint name="turn" axis="0 0.6 0.8" range="-0.5 1.5" actuatorfrcrange="-5 5" damping="0.7" frictionloss="0.3"/>
+        <geom type="cylinder" size="0.05 0.2"/><geom type="sphere" size="0.06" pos="0 0 0.4"/>
+        <body name="finger" pos="0 0 0.5">
+          <joint name="slide" type="slide" axis="1 0 0" range="0.01 0.04"/><geom type="box" size="0.01 0.02 0.03"/>
+          <body name="other" pos="0.1 0 0">
+            <joint name="follow" type="slide" axis="-1 0 0" range="0 0.05"/><geom type="box" size="0.01 0.02 0.04"/>
+          </body>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="follow" joint2="slide" polycoef="0.001 0.9 0 0 0"/></equality>
+</mujoco>
+"""
+
+
+def test_the_description_of_a_robot_that_is_no_urdf_has_all_of_its_numbers(tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(MJCF, encoding="utf-8")
+    model = load_model(tmp_path / "arm.xml")
+    (tmp_path / "arm.urdf").write_text(description_of(model), encoding="utf-8")
+    found = load_model(tmp_path / "arm.urdf")
+    for link, other in zip(model.links, found.links, strict=True):
+        assert (link.name, link.inertia is None) == (other.name, other.inertia is None)
+        assert other.inertia.mass_kg == pytest.approx(link.inertia.mass_kg)
+        assert other.inertia.center == pytest.approx(link.inertia.center)
+        assert other.inertia.tensor == pytest.approx(link.inertia.tensor, abs=1e-9)
+        shapes = zip(link.geometry.collision_shapes, other.geometry.collision_shapes, strict=True)
+        for shape, read in shapes:
+            assert (read.type, read.size) == (shape.type, pytest.approx(shape.size))
+            assert read.pose.position == pytest.approx(shape.pose.position)
+            assert read.pose.quaternion == pytest.approx(shape.pose.quaternion)
+    for joint, read in zip(model.joints, found.joints, strict=True):
+        fields = ("name", "type", "parent", "child", "lower", "upper", "damping", "friction", "mimic")
+        assert [getattr(read, name) for name in fields] == [getattr(joint, name) for name in fields]
+        assert read.axis == pytest.approx(joint.axis)
+        assert read.origin.position == pytest.approx(joint.origin.position)
+        assert read.origin.quaternion == pytest.approx(joint.origin.quaternion)
+    assert found.joint("turn").effort == 5.0
+
+
 def test_a_robot_that_is_no_urdf_is_described_as_one(tmp_path: Path) -> None:
     model = load_model("pr2_mjcf")
     assert not model.urdf

@@ -155,6 +155,9 @@ def test_the_frame_of_a_joint_is_fixed_to_what_it_moves_for_either_order_of_its_
     )
     (found,) = joint_frames(replace(moved, joints=(slide,)), [world])
     assert found.moving_from_joint[:3] == pytest.approx([0.0, 0.0, 0.0]), "as it was spawned"
+    (found,) = joint_frames(replace(world, joints=(slide,)), [])
+    assert found.moving_from_joint[:3] == pytest.approx([0.0, 0.0, 0.0]), "where it is, if a client has added it"
+    assert found.holder_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
 
 
 def test_the_tree_has_joints_between_bodies_and_splits_what_moves_from_what_does_not() -> None:

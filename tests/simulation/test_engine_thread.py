@@ -209,6 +209,17 @@ def test_calls_and_ticks_take_turns_when_both_are_always_due() -> None:
     thread.stop()
 
 
+def test_a_thread_without_callbacks_withdraws_a_call_that_waits_for_too_long() -> None:
+    thread, may_end = EngineThread(lambda: None), threading.Event()
+    blocking = threading.Thread(target=lambda: thread.run(may_end.wait, label="block", timeout_s=TIMEOUT_S))
+    blocking.start()
+    with pytest.raises(SimulationTimeoutError):
+        thread.run(lambda: None, label="call", timeout_s=SHORT_S)
+    may_end.set()
+    blocking.join(TIMEOUT_S)
+    thread.stop()
+
+
 class Clock:
     def __init__(self) -> None:
         self.now_s = 100.0

@@ -190,6 +190,14 @@ def test_the_state_after_an_edit_has_the_time_that_a_rebuild_is_expected_to_take
         assert few_s < 100 * (time.monotonic() - start_s)
 
 
+def test_the_reports_of_edits_have_the_time_that_a_rebuild_is_expected_to_take() -> None:
+    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, timeout_s=TIMEOUT_S) as sim:
+        spawned = sim.spawn(kitchenette())
+        assert spawned.expected_rebuild_s == sim.state.expected_rebuild_s > 0.0
+        placed = sim.place("Mug", on="Fridge")
+        assert placed.expected_rebuild_s == sim.state.expected_rebuild_s
+
+
 def test_the_expected_time_of_a_rebuild_grows_with_the_world() -> None:
     engine = MujocoEngine()
     world = kitchenette()

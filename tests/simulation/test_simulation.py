@@ -195,3 +195,36 @@ def test_closing_twice_is_harmless_and_later_calls_are_rejected(knowledge: Knowl
     with pytest.raises(SimulationError, match="closed"):
         sim.snapshot()
     assert set(threading.enumerate()) <= before
+
+
+def test_the_pose_of_a_body_is_that_of_the_published_state(sim: Simulation) -> None:
+    sim.spawn(room())
+    crate = sim.body("crate")
+    assert crate.pose == sim.snapshot().body("crate").pose
+    assert sim.body(room().body("crate").iri).id == "crate"
+    sim.step(0.1)
+    assert crate.pose.position == tuple(pose_of(sim, "crate")[:3].tolist())
+    assert crate.pose.position[2] < 1.0
+    assert repr(crate) == f"<SimulationBody crate at (2.000, 0.000, {crate.pose.position[2]:.3f}) m>"
+
+
+def test_the_pose_of_a_deleted_or_unknown_body_is_an_error(sim: Simulation) -> None:
+    sim.spawn(room())
+    crate = sim.body("crate")
+    with pytest.raises(BodyNotFoundError, match="no body 'crat'; near: 'crate'"):
+        sim.body("crat")
+    sim.clear()
+    assert not crate.exists
+    assert repr(crate) == "<SimulationBody crate, deleted>"
+    with pytest.raises(BodyNotFoundError, match="no body 'crate'"):
+        _ = crate.pose
+
+
+def test_the_arrays_of_a_published_state_cannot_be_written(sim: Simulation) -> None:
+    sim.spawn(room())
+    for _ in range(2):
+        with pytest.raises(ValueError, match="read-only"):
+            sim.state.poses[0, 0] = 1.0
+        sim.step(0.1)
+    with sim.imagine(threaded=False) as copy, pytest.raises(ValueError, match="read-only"):
+        copy.state.poses += 1.0

@@ -12,6 +12,7 @@ from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
 from tests.viewer.page_tab import PageTab, open_tabs
+from tests.viewer.view_pictures import launch_browser
 
 
 @pytest.fixture
@@ -29,7 +30,6 @@ def viewer(simulation: Simulation) -> Iterator[Viewer]:
         yield viewer
 
 
-_GPU = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _NO_GPU = ["--disable-gpu"]
 """For pages without the 3D view: the emulated GPU would take half of the time to paint panels."""
 
@@ -46,7 +46,7 @@ def playwright() -> Iterator[Any]:
 @pytest.fixture(scope="session")
 def browser(chromium: Path, playwright: Any) -> Iterator[Any]:
     """One headless browser for all tests of the 3D view."""
-    browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", *_GPU])
+    browser = launch_browser(playwright, str(chromium))
     yield browser
     browser.close()
 

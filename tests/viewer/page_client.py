@@ -35,14 +35,18 @@ class PageClient:
         self._numbers = count(1)
 
     def ask(self, method: str, **arguments: Any) -> Any:
-        """Sends a request and waits for the response."""
+        """Sends a request and returns its result, when that arrives."""
+        return self.answer(method, **arguments)["result"]
+
+    def answer(self, method: str, **arguments: Any) -> Any:
+        """Sends a request and returns the whole response, when that arrives."""
         number = next(self._numbers)
         self.socket.send(json.dumps({"id": number, "method": method, "params": arguments}))
         wait_until(lambda: self.receive() and number in self._replies, f"{method!r} is answered")
         reply = self._replies.pop(number)
         if "error" in reply:
             raise RequestFailedError(reply["error"]["type"], reply["error"]["message"])
-        return reply["result"]
+        return reply
 
     def receive(self) -> bool:
         """Reads the messages that have arrived."""

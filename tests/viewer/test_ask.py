@@ -314,6 +314,12 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
                 page.ask("ask", question="stays")
         with pytest.raises(RequestFailedError, match=r"TooManyQuestions: .*4 other questions are being answered"):
             page.ask("ask", question="stays")
+        for method, arguments, label in (
+            ("ask.sparql", {"query": "ASK {}"}, "the query"),
+            ("ask.complete", {"prefix": "Cup"}, "the completion"),
+        ):
+            with pytest.raises(RequestFailedError, match=rf"TooManyQuestions: .*{label}"):
+                page.ask(method, **arguments)
         assert page.ask("ask.questions")
         assert simulation.ping() < 10.0
     finally:

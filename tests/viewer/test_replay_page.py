@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
+from mindstage.episodes import EpisodeEvent, EpisodeEventKind, FrameRecording
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, UnsupportedByEngineError
@@ -68,6 +69,27 @@ def test_the_timeline_shows_the_length_and_the_events_by_kind(tab: PageTab) -> N
     assert tab.page.locator("[data-event]").count() == len(EVENTS) - 1
     tab.page.locator("[data-kind=Grasping]").click()
     assert tab.page.locator("[data-event=Grasping_1]").count() == 1
+
+
+@pytest.mark.parametrize(
+    ("kinds", "note"),
+    [
+        ([EpisodeEventKind.GRASP, EpisodeEventKind.SUPPORT], ""),
+        ([EpisodeEventKind.SUPPORT], "No event begins or ends."),
+        ([], "No events."),
+    ],
+)
+def test_what_is_done_all_the_time_is_an_event(
+    open_page: Callable[..., PageTab], kinds: list[EpisodeEventKind], note: str
+) -> None:
+    whole = kitchenette_recording()
+    events = [EpisodeEvent(id=f"{kind}_1", kind=kind, begin_s=0.0, end_s=None, thing=MUG) for kind in kinds]
+    recording = FrameRecording([whole.frame_at(time_s) for time_s in (0.0, 1.0)], events=tuple(events))
+    with EpisodeReplay(recording, KnowledgeBase()) as replay, Viewer(replay, port=0) as viewer:
+        tab = open_page(viewer, view=False)
+        shown = tab.page.locator("[data-role=timeline-note]")
+        wait_until(lambda: tab.page.locator("#timeline").is_visible() and shown.inner_text() == note, "the note")
+        wait_until(lambda: tab.page.locator("[data-event]").count() == kinds.count(EpisodeEventKind.GRASP), "the bars")
 
 
 def test_moving_the_slider_moves_the_bodies(tab: PageTab, viewer: Viewer, replay: EpisodeReplay) -> None:

@@ -22,7 +22,6 @@ from mindstage.access.gate import Gate
 from mindstage.access.limits import VisitorLimits
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.rendering.screenshot import Screenshot
 from mindstage.simulation import Simulation
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import RequestFilter
@@ -70,11 +69,6 @@ def test_a_browser_that_trusts_the_certificate_opens_the_page(
     with pytest.raises(Error, match="ERR_CERT_AUTHORITY_INVALID"):
         wary.new_page().goto(secure_viewer.url, timeout=TIMEOUT_S * 1000)
     wary.close()
-
-
-def test_a_picture_of_a_page_over_tls_is_taken(secure_viewer: Viewer, chromium: Path) -> None:
-    picture = secure_viewer.screenshot(Screenshot(size=(320, 240), with_panels=True, timeout_s=TIMEOUT_S))
-    assert picture.startswith(b"\x89PNG")
 
 
 def test_wrong_tokens_of_the_page_are_limited_and_the_cookie_is_not() -> None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 from mindstage import Simulation
 from mindstage.viewer import Viewer
 from mindstage.viewer.client_views import LabelMode
+from tests.rendering.photographs import MAPS, by_page, photographed, reference_path
+from tests.rendering.similarity import picture_similarity, read_picture
 from tests.viewer.page_tab import PageTab
 from tests.viewer.waiting import wait_until
 
@@ -32,6 +35,14 @@ def console_of(tab: PageTab) -> list[str]:
 def corner(tab: PageTab) -> np.ndarray:
     """The mean color of the upper left corner of the view."""
     return np.asarray(tab.pixels()[:12, :12].mean(axis=(0, 1)))
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_pictures_of_the_page_are_as_the_references(name: str, request: pytest.FixtureRequest, browser: Any) -> None:
+    samples = request.getfixturevalue("shared_data") if MAPS[name].startswith("maps/") else None
+    with photographed(name, samples) as sim:
+        picture = by_page(sim, browser)
+    assert picture_similarity(picture, read_picture(reference_path(name, "page"))) > 0.9
 
 
 def test_the_view_follows_theme_and_quality(viewer: Viewer, open_page: Any) -> None:

@@ -187,6 +187,9 @@ def test_a_rectangle_selects_all_bodies_with_their_centers_in_it(tools: Tools) -
     found = {"Mug", "Drawer", "DrawerHandle", "Cupboard"}
     assert set(tools.ask("bodies_in_box", **right)) == found, "corners in any order"
     assert tools.ask("bodies_in_box", first=(-0.01, 0.01), second=(0.01, -0.01)) == [MUG]
+    # Half the height of the picture is 1.5 m at the mug; the center of the cupboard is 0.45 m lower.
+    just = {"first": (-0.01, -0.29), "second": (0.01, -0.31)}
+    assert set(tools.ask("bodies_in_box", **just)) == {CUPBOARD}
     tools.views.show_bodies([MUG], False)
     assert set(tools.ask("bodies_in_box", **right)) == found - {MUG}
     tools.views.set_clip_height(0.64, client=1)

@@ -30,6 +30,7 @@ const REPORT: Dictionary = {
 const JOINT: Dictionary = {"id": "", "x": 0.0, "y": 0.0, "z": 0.0, "twist": 0.0, "swing2": 0.0, "swing1": 0.0}
 const ACTUATOR: Dictionary = {"name": "", "position": 0.0, "velocity": 0.0, "effort": 0.0, "command": 0.0}
 const RESULT: Dictionary = {"success": false, "refusal": REFUSAL}
+const EDITED: Dictionary = {"success": false, "refusal": REFUSAL, "expected_rebuild_s": 0.0}
 
 ## Type, request and response of each service.
 const SERVICES: Dictionary = {
@@ -43,7 +44,7 @@ const SERVICES: Dictionary = {
 	{
 		"type": "mindstage_msgs/SpawnWorld",
 		"request": {"world": "", "forms": "", "plan": ""},
-		"response": {"success": false, "refusal": REFUSAL, "report": REPORT},
+		"response": {"success": false, "refusal": REFUSAL, "report": REPORT, "expected_rebuild_s": 0.0},
 	},
 	"log_world":
 	{
@@ -51,25 +52,25 @@ const SERVICES: Dictionary = {
 		"request": {},
 		"response": {"success": false, "refusal": REFUSAL, "world": ""},
 	},
-	"delete": {"type": "mindstage_msgs/Delete", "request": {"ids": [""], "plan": ""}, "response": RESULT},
-	"clear": {"type": "mindstage_msgs/Clear", "request": {}, "response": RESULT},
+	"delete": {"type": "mindstage_msgs/Delete", "request": {"ids": [""], "plan": ""}, "response": EDITED},
+	"clear": {"type": "mindstage_msgs/Clear", "request": {}, "response": EDITED},
 	"attach":
 	{
 		"type": "mindstage_msgs/Attach",
 		"request": {"parent": "", "child": "", "plan": ""},
-		"response": RESULT,
+		"response": EDITED,
 	},
-	"detach": {"type": "mindstage_msgs/Detach", "request": {"child": "", "plan": ""}, "response": RESULT},
-	"set_pose": {"type": "mindstage_msgs/SetPose", "request": {"id": "", "pose": POSE, "plan": ""}, "response": RESULT},
+	"detach": {"type": "mindstage_msgs/Detach", "request": {"child": "", "plan": ""}, "response": EDITED},
+	"set_pose": {"type": "mindstage_msgs/SetPose", "request": {"id": "", "pose": POSE, "plan": ""}, "response": EDITED},
 	"set_physics":
 	{
 		"type": "mindstage_msgs/SetPhysics",
 		"request": {"id": "", "physics": "", "plan": ""},
-		"response": RESULT,
+		"response": EDITED,
 	},
 	"set_materials":
-	{"type": "mindstage_msgs/SetMaterials", "request": {"id": "", "materials": ""}, "response": RESULT},
-	"set_label": {"type": "mindstage_msgs/SetLabel", "request": {"id": "", "label": ""}, "response": RESULT},
+	{"type": "mindstage_msgs/SetMaterials", "request": {"id": "", "materials": ""}, "response": EDITED},
+	"set_label": {"type": "mindstage_msgs/SetLabel", "request": {"id": "", "label": ""}, "response": EDITED},
 	"highlight":
 	{
 		"type": "mindstage_msgs/Highlight",
@@ -120,7 +121,7 @@ const SERVICES: Dictionary = {
 	{
 		"type": "mindstage_msgs/SetActuators",
 		"request": {"actuators": "", "without_weight": [""], "plan": ""},
-		"response": RESULT,
+		"response": EDITED,
 	},
 	"set_commands":
 	{

@@ -5,3 +5,5 @@ from mindstage.access.gate import Gate
 from mindstage.access.limits import LIMITS, BridgeLimits, Limit, RpcLimits, VisitorLimits
 
 __all__ = ["LIMITS", "BridgeLimits", "Gate", "Limit", "RpcLimits", "TlsCertificate", "VisitorLimits"]
+
+__dir__ = __all__.copy

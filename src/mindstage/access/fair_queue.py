@@ -63,7 +63,6 @@ class FairQueue(Generic[T]):
 
         Args:
             client: whose item it is.
-            item: the item.
             subject: what is requested, for the error.
 
         Raises:

@@ -117,7 +117,6 @@ class Gate:
 
         Args:
             path: the path of the request, with its query.
-            headers: the headers of the request.
             visitor: where the request comes from.
             now_s: the time, of any clock [s].
         """
@@ -140,7 +139,6 @@ class Gate:
 
         Args:
             path: the path of the request, with its query.
-            headers: the headers of the request.
             visitor: where the request comes from.
             now_s: the time, of any clock [s].
             token_may_follow: whether a client without a token may send it later, see `admit`.

@@ -35,7 +35,7 @@ _UNREAL_CONTENT = "/Game/"
 """Begins the names of assets of the Unreal engine, which are looked up by their last part only."""
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f]")
-_MAX_ENCODINGS = 4
+_DECODING_STEPS = 4
 _PATH = re.compile(r"""(?<![\w:/.~-])/(?:[^\s/'"`:,;()<>]+/)+[^\s/'"`:,;()<>]*""")
 
 
@@ -73,7 +73,7 @@ def require_granted(names: Iterable[str | None], *, known: Collection[str | None
 
 def is_granted(name: str) -> bool:
     """Whether a text from outside may have a name of a file; decided by the text alone."""
-    for _ in range(_MAX_ENCODINGS):
+    for _ in range(_DECODING_STEPS):
         decoded = unquote(name)
         if decoded == name:
             break
@@ -157,7 +157,6 @@ def without_paths(text: str, *, given: str = "") -> str:
     """A text for a client, in which each path of this machine is its last part.
 
     Args:
-        text: the text.
         given: the request; paths in it are kept.
     """
     roots = {f"/{path.name}" for path in Path("/").iterdir()} if _PATH.search(text) else set()

@@ -3,3 +3,5 @@
 from mindstage.assets.library import MeshLibrary, MeshLibraryResult
 
 __all__ = ["MeshLibrary", "MeshLibraryResult"]
+
+__dir__ = __all__.copy

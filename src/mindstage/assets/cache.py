@@ -24,7 +24,7 @@ _VIEW_FOLDER = "view"
 
 _MAX_BYTES = 512 << 20
 """Total size from which the least recently used files are deleted."""
-_MAX_KEY_LENGTH = 64
+_MAX_KEY_CHARACTERS = 64
 _HEX_DIGITS = frozenset("0123456789abcdef")
 _TEXTURE_PIXELS = 512
 
@@ -44,7 +44,7 @@ def cache_geometry_glb(geometry: BodyGeometry) -> str:
     """
     if (
         not geometry.visuals
-        or not 8 <= len(geometry.key) <= _MAX_KEY_LENGTH
+        or not 8 <= len(geometry.key) <= _MAX_KEY_CHARACTERS
         or not _HEX_DIGITS.issuperset(geometry.key)
     ):
         return ""

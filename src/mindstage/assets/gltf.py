@@ -42,6 +42,7 @@ __all__ = ["GlbExport", "GltfWriter", "geometry_to_glb", "world_to_glb"]
 
 _FLOAT, _INDEX = 5126, 5125
 _VERTICES, _ELEMENTS = 34962, 34963
+"""These are codes of glTF."""
 _LIGHTS, _STRENGTH = "KHR_lights_punctual", "KHR_materials_emissive_strength"
 _MAX_TRANSPARENT_OPACITY = 0.999
 _TYPES = {2: "VEC2", 3: "VEC3"}
@@ -253,7 +254,6 @@ def world_to_glb(world: World, *, geometry: GeometryMap = NO_GEOMETRY) -> GlbExp
     """Writes a world as binary glTF 2.0.
 
     Args:
-        world: the world.
         geometry: geometry of its bodies; a body without any is its primitive shape in its size.
 
     Raises:

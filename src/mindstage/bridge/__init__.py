@@ -29,3 +29,5 @@ __all__ = [
     "Subscription",
     "TopicInfo",
 ]
+
+__dir__ = __all__.copy

@@ -220,7 +220,6 @@ class ProviderTable(Generic[R]):
         Args:
             peer: the new provider.
             name: name of the service or action.
-            type: its type.
 
         Raises:
             AdvertiseError: the name belongs to the local node, or the peer exceeds the limit of advertisements.
@@ -943,8 +942,6 @@ class Broker:
         """Handles an operation of a peer.
 
         Args:
-            peer: the peer.
-            operation: the operation.
             size: its size as it was received [B].
 
         Raises:

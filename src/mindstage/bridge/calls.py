@@ -348,7 +348,6 @@ class HandlerDispatcher:
         """Creates the dispatcher without handlers.
 
         Args:
-            loop: the loop.
             executor: runs handlers that are plain functions.
             send: sends responses; called on the loop.
         """

@@ -246,7 +246,6 @@ def body_from_box(request: world_control_msgs.SpawnProMesh.Request, *, id: str =
     """Converts a request of `spawn_pro_mesh` to a body: a box.
 
     Args:
-        request: the request.
         id: id of the body if the request has none.
         namespace: namespace of its IRI.
     """
@@ -373,7 +372,6 @@ def joint_from_message(
     """Converts a message to a joint, and returns what was ignored.
 
     Args:
-        message: the description of a constraint.
         id: id of the joint if the message has none.
         namespace: namespace of its IRI.
     """
@@ -494,7 +492,6 @@ def world_from_request(
     """Converts a request of `spawn_semantic_map` to a world, and returns what was assumed.
 
     Args:
-        request: the request.
         iri: IRI of the map, whose namespace is that of its individuals.
         name: name of the map.
         taken: ids that are not given to models and constraints without one.

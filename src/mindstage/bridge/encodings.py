@@ -56,6 +56,7 @@ _CHANNELS = {0: 1, 2: 3, 6: 4}
 _FLOAT64_ARRAY_TAG = 86
 """Tag of arrays of little-endian float64."""
 _SELF_DESCRIBED_TAG = 55799
+"""The number of a tag of CBOR."""
 _BUILTIN_TAGS = (0, 1, 2, 3, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
 _TYPED_ARRAY_TAGS = {
     65: ">H", 66: ">I", 67: ">Q", 69: "<H", 70: "<I", 71: "<Q",

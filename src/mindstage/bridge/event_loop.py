@@ -77,7 +77,6 @@ class KeyedSerialExecutor:
         Args:
             key: as of `submit`.
             run: called with the items in the order in which they were submitted; must not raise.
-            item: the item.
         """
         with self._lock:
             queue = self._waiting.get(key)

@@ -220,7 +220,6 @@ class Node:
         Args:
             name: name of the service.
             args: values that JSON can represent: an object, a struct, or a list of the fields in order.
-            timeout_s: timeout [s].
 
         Returns:
             The values of the response, whose meaning depends on the type of the service.

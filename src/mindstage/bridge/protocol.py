@@ -71,7 +71,6 @@ def split_fragments(text: str, size: int, *, max_fragments: int) -> list[str]:
     """Splits a text into fragments.
 
     Args:
-        text: the text.
         size: number of characters of a fragment.
         max_fragments: largest number of fragments; if there would be more, the fragments become larger.
     """
@@ -555,7 +554,6 @@ class MessageEncoder:
         """Creates the encoder.
 
         Args:
-            operation: the operation.
             raw: its frame in the compression `cbor-raw`, if that differs from `cbor`.
         """
         self.operation = operation

@@ -17,14 +17,14 @@ from mindstage.access.limits import Deadline
 from mindstage.cli.attach import open_running, running_target
 from mindstage.cli.options import (
     DEFAULT_READING,
+    NO_EPISODES,
     AsJson,
     AtTime,
     Closure,
     DuringInterval,
     EndpointUrl,
     EngineName,
-    EpisodeFiles,
-    EpisodeFolder,
+    EpisodeOptions,
     ExitCode,
     MapName,
     MapOptions,
@@ -57,7 +57,6 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import knowledge_base, knowledge_with_episodes, make_engine, simulation_from_options
 from mindstage.cli.viewer import show_page
-from mindstage.errors import without_surrogates
 
 if TYPE_CHECKING:
     from mindstage.engines import Engine
@@ -102,8 +101,6 @@ class HighlightRun:
         """Spawns a map, asks the question, highlights the answers and, if there are any, serves the page.
 
         Args:
-            knowledge: the knowledge base.
-            question: the question.
             args: its arguments, as text.
             map_name: the map to spawn; by default the one among the arguments, or the only one.
             print_answers: prints the answers, and with `--json` the given further fields.
@@ -208,8 +205,7 @@ def sparql(
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
     closure: Closure = False,
-    episode: EpisodeFiles = None,
-    episodes: EpisodeFolder = None,
+    recorded: EpisodeOptions = NO_EPISODES,
     at: AtTime = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -228,15 +224,9 @@ def sparql(
         raise InvalidArgumentError("--closure", cause=cause, remedy="omit it, or ask one of the questions")
     with progress_spinner("querying"):
         knowledge = knowledge_with_episodes(
-            maps or [],
-            reading,
-            files=episode or [],
-            folder=episodes,
-            store=store,
-            endpoint=endpoint,
-            closure=closure,
+            maps or [], reading, recorded, store=store, endpoint=endpoint, closure=closure
         )
-        named = _named_episode(episode or [], episodes).get("episode")
+        named = recorded.named().get("episode")
         table = knowledge.sparql(query, timeout_s=timeout_s, allow_service=allow_service, at=at, episode=named)
     findings = knowledge.findings()
     if not as_json:
@@ -411,8 +401,7 @@ def ask(
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
     closure: Closure = False,
-    episode: EpisodeFiles = None,
-    episodes: EpisodeFolder = None,
+    recorded: EpisodeOptions = NO_EPISODES,
     at: AtTime = None,
     during: DuringInterval = None,
     since: SinceTime = None,
@@ -440,25 +429,19 @@ def ask(
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
         return _ask_running(target, asked, sentence, when, why=why, highlight=highlight, as_json=as_json)
 
-    if when or episode or episodes:
+    if when or recorded.episode or recorded.episodes:
         _refuse_highlight(highlight)
     shown = {"has_page": with_viewport, "port": port, "duration_s": seconds, "quiet": as_json}
     run = _highlight_run(context, highlight, engine, shown)
     with progress_spinner("loading"):
         knowledge = knowledge_with_episodes(
-            maps or [],
-            reading,
-            files=episode or [],
-            folder=episodes,
-            store=store,
-            endpoint=endpoint,
-            closure=closure,
+            maps or [], reading, recorded, store=store, endpoint=endpoint, closure=closure
         )
     resolved, named, notes = asked or _understood(knowledge, sentence)
     print_answers = partial(_print_result, knowledge, notes, why=why, as_json=as_json)
     if run is None:
         with progress_spinner("asking"):
-            answers = knowledge.ask(resolved, **named, **when, **_named_episode(episode or [], episodes))
+            answers = knowledge.ask(resolved, **named, **when, **recorded.named())
         print_answers(answers, {})
     else:
         answers = run.ask(knowledge, resolved, named, map_name=map_name, print_answers=print_answers)
@@ -494,22 +477,6 @@ def _refuse_highlight(highlight: str | None) -> None:
     if highlight is not None:
         cause = "it spawns the map as it is, not the world of an episode"
         raise InvalidArgumentError("--highlight", cause=cause, remedy="omit it, or the options about episodes")
-
-
-def _named_episode(files: Sequence[str], folder: Path | None) -> dict[str, str]:
-    """The episode that is asked about, as an argument; empty if there are several, or none.
-
-    Raises:
-        InvalidArgumentError: several names are given together with a folder.
-    """
-    from mindstage.errors import InvalidArgumentError
-
-    if folder is None:
-        return {"episode": without_surrogates(Path(files[0]).stem)} if len(files) == 1 else {}
-    if len(files) > 1:
-        cause = f"{len(files)} names are given with --episodes"
-        raise InvalidArgumentError("--episode", cause=cause, remedy="give one name, or none for all episodes")
-    return {"episode": files[0]} if files else {}
 
 
 AskedQuestion = tuple["Question[Any]", Mapping[str, str], tuple[str, ...]]
@@ -668,7 +635,6 @@ def _print_answers(
     """Prints answers as a table, or as records if they have reasons or do not fit.
 
     Args:
-        answers: the answers.
         class_of: returns the class of an individual, or None.
         reasons: the explanation of each answer; None for none.
     """

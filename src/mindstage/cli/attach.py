@@ -289,7 +289,7 @@ def _choose(name: str) -> RunRecord:
     fitting = [record for record in records if not name or name in _names(record)]
     if not records:
         raise InvalidArgumentError("--running", cause="no simulation is running on this machine", remedy=_START_HINT)
-    listed = "; ".join(map(str, records[-_MAX_LISTED:]))
+    listed = "; ".join(map(str, records[-_LISTED_LINES:]))
     if not fitting:
         cause = f"no simulation with the process id or map {name!r} is running"
         raise InvalidArgumentError("--running", cause=cause, remedy=f"running are {listed}")
@@ -305,7 +305,7 @@ def _names(record: RunRecord) -> set[str]:
     return {str(record.process), str(record.port), *filter(None, (*record.maps, record.page))}
 
 
-_MAX_LISTED = 8
+_LISTED_LINES = 8
 
 
 # -- Prolog ------------------------------------------------------------------------------------------------------------

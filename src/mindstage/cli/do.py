@@ -14,22 +14,17 @@ import typer
 
 from mindstage.access.limits import Deadline as DeadlineNumber
 from mindstage.cli.attach import open_running, running_target
-from mindstage.cli.imagine import Budget, Samples, Seed, Uncertainties, Workers, deviations_of, interruptible
+from mindstage.cli.imagine import DEFAULT_TRIAL, PlanTrial, interruptible
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
-    MapName,
-    MapReading,
-    PlainBoxes,
+    MapSpawning,
     Running,
     Strict,
     Verbose,
 )
 from mindstage.cli.output import console, print_json, print_line, progress_spinner, warn
-from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
 from mindstage.ranges import WallTime
 
@@ -134,21 +129,13 @@ def do(
     at: At = None,
     plan: PlanOption = None,
     try_first: TryFirst = None,
-    uncertainty: Uncertainties = None,
-    samples: Samples = 100,
-    seed: Seed = 0,
-    budget: Budget = 60.0,
-    workers: Workers = "1",
+    trial: PlanTrial = DEFAULT_TRIAL,
     deadline: Deadline = 300.0,
     settle: SettleSeconds = 0.5,
     record: RecordFile = None,
     out: OutFile = None,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
-    engine: EngineName = "mujoco",
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -157,8 +144,6 @@ def do(
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
         return _do_running(target, command or "", deadline_s=deadline, as_json=as_json)
     task, sources = _arguments(command, plan, maps or [])
-    options: dict[str, Any] = {"uncertainty": [deviations_of(text) for text in uncertainty or ()], "samples": samples}
-    options |= {"seed": seed, "budget_s": budget, "workers": workers}
     wanted = _Wanted(
         task=task,
         place=None if at is None else _pose(at),
@@ -167,13 +152,10 @@ def do(
         settle_s=settle,
         record=_new_file(record),
         out=out,
-        trial=options,
+        trial=trial.arguments(),
     )
-    used_engine = make_engine(engine)  # before the map is read, so that a wrong name fails at once
-    model = _model(robot, self_model, xacro=reading.expands_xacro)
-    with spawned_map(
-        sources, map_name, used_engine, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes
-    ) as spawned:
+    model = _model(robot, self_model, xacro=options.expands_xacro)
+    with spawned_map(sources, options, strict=strict) as spawned:
         return _do_in(spawned, model, wanted, verbose=verbose, as_json=as_json)
 
 

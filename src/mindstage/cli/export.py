@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.options import DEFAULT_READING, AsJson, ExitCode, MapName, MapReading, close_at_end
+from mindstage.cli.options import DEFAULT_MAP, AsJson, ExitCode, MapChoice, close_at_end
 from mindstage.cli.output import print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base
 from mindstage.errors import InvalidArgumentError
@@ -35,8 +35,6 @@ class ExportFormat(StrEnum):
     """One page that plays by itself."""
     CSV = "csv"
     """Poses, and events in a second file."""
-    RERUN = "rerun"
-    """A recording for rerun."""
     LEROBOT = "lerobot"
     """A dataset for LeRobot, version 3.0."""
 
@@ -47,7 +45,6 @@ _SUFFIXES = {
     ".ttl": ExportFormat.SEMLOG,
     ".html": ExportFormat.HTML,
     ".csv": ExportFormat.CSV,
-    ".rrd": ExportFormat.RERUN,
 }
 
 Files = Annotated[
@@ -64,7 +61,7 @@ Output = Annotated[
         "--out",
         "-o",
         metavar="PATH",
-        help="What is written: .neem, .owl or .ttl (SemLog), .html, .csv, .rrd; with --format any name.",
+        help="What is written: .neem, .owl or .ttl (SemLog), .html, .csv; with --format any name.",
         show_default=False,
     ),
 ]
@@ -122,7 +119,7 @@ Relative = Annotated[
 
 
 def export(files: Files, *, out: Output, format: Format = None, rate: Rate = 30.0, as_json: AsJson = False) -> ExitCode:
-    """Write an episode for another program: KnowRob, a browser, rerun, LeRobot, or a table.
+    """Write an episode for another program: KnowRob, a browser, LeRobot, or a table.
 
     What the format cannot express is listed.
     """
@@ -165,7 +162,7 @@ def _write(
     recordings: Sequence[Recording], out: Path, format: ExportFormat, rate: float
 ) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Writes the file; returns all files that were written, and what is not in them."""
-    from mindstage.episodes.exports import write_csv, write_lerobot, write_rrd
+    from mindstage.episodes.exports import write_csv, write_lerobot
     from mindstage.episodes.neem import write_neem
     from mindstage.episodes.semlog import write_semlog
 
@@ -181,8 +178,6 @@ def _write(
             write_html(recording, out, rate_hz=rate)
         case ExportFormat.CSV:
             return write_csv(recording, out), ()
-        case ExportFormat.RERUN:
-            write_rrd(recording, out)
         case ExportFormat.LEROBOT:
             if rate != int(rate):
                 cause = f"LeRobot counts whole frames per second, {rate:g} is none"
@@ -196,11 +191,10 @@ def import_(
     *,
     out: EpisodeOutput,
     maps: Map = None,
-    map_name: MapName = None,
     body: BodyOfFrame = None,
     map_frame: MapFrame = None,
     relative: Relative = False,
-    reading: MapReading = DEFAULT_READING,
+    reading: MapChoice = DEFAULT_MAP,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Write a bag of ROS, or a NEEM, as an episode of a map, which can be asked and replayed.
@@ -212,7 +206,7 @@ def import_(
     bodies = _bodies(body or ())
     with progress_spinner(f"reading {bag}"):
         knowledge = knowledge_base(_maps(bag, maps), reading)
-        recording, immovable = _read(bag, knowledge, map_name, bodies, map_frame, relative)
+        recording, immovable = _read(bag, knowledge, reading.map_name, bodies, map_frame, relative)
         is_empty = not recording.matched and not recording.matched_joints
         if not is_empty:
             write_episode(recording, out, knowledge=knowledge, immovable=immovable, source=bag.name)

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,14 +17,12 @@ from mindstage.access.limits import Samples as SamplesNumber
 from mindstage.access.limits import Timeout
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     MapArguments,
-    MapName,
-    MapReading,
+    MapSpawning,
+    OptionGroup,
     Strict,
     Verbose,
 )
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
     from mindstage.simulation import Simulation
 
-__all__ = ["Budget", "Samples", "Seed", "Uncertainties", "Workers", "deviations_of", "imagine", "interruptible"]
+__all__ = ["DEFAULT_TRIAL", "PlanTrial", "imagine", "interruptible"]
 
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
@@ -100,6 +99,31 @@ Uncertainties = Annotated[
         show_default=False,
     ),
 ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanTrial(OptionGroup):
+    """The options of every verb that tries a plan in copies of a world."""
+
+    samples: Samples = 100
+    seed: Seed = 0
+    budget: Budget = 60.0
+    workers: Workers = "1"
+    uncertainty: Uncertainties = None
+
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of `mindstage.imagination.imagine`.
+
+        Raises:
+            InvalidArgumentError: an uncertainty is not valid.
+        """
+        deviations = [deviations_of(text) for text in self.uncertainty or ()]
+        numbers = {"samples": self.samples, "seed": self.seed, "budget_s": self.budget, "workers": self.workers}
+        return {"uncertainty": deviations, **numbers}
+
+
+DEFAULT_TRIAL = PlanTrial()
+
 SettleTime = Annotated[
     WallTime,
     typer.Option("--settle", metavar="SECONDS", help="Simulated time before the samples begin."),
@@ -121,22 +145,15 @@ def imagine(
     plan: PlanArgument,
     maps: MapArguments,
     *,
-    samples: Samples = 100,
-    seed: Seed = 0,
-    budget: Budget = 60.0,
+    trial: PlanTrial = DEFAULT_TRIAL,
     threshold: Threshold = 0.9,
     width: Width = 0.1,
-    workers: Workers = "1",
     check: CheckText = None,
     expect: Expected = None,
-    uncertainty: Uncertainties = None,
     settle: SettleTime = 0.0,
     picture: Picture = None,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    engine: EngineName = "mujoco",
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -146,26 +163,25 @@ def imagine(
     from mindstage.pictures import picture_format
 
     file = load_plan(plan)
-    deviations = [deviations_of(text) for text in uncertainty or ()]
+    tried = trial.arguments()
     asked = _check(check, expect or [])
     if picture is not None:
         picture_format(picture)  # before the map is read, so that a wrong suffix fails at once
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    running = make_engine(options.engine)  # before the map is read, so that a wrong name fails at once
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, reading)
-        world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict, assets=assets)
-    with simulation_from_options(knowledge, running, assets=assets) as simulation:
+        knowledge = knowledge_base(maps, options)
+        world = knowledge.world(options.map_name)
+    findings = findings_about(world, knowledge, strict=strict, options=options)
+    with simulation_from_options(knowledge, running, options) as simulation:
         with progress_spinner("spawning"):
             report = simulation.spawn(world)
             simulation.step(settle)
         if not as_json:
             print_findings(findings, all=verbose, classes=class_lookup(knowledge))
             print_failures(report)
-        options: dict[str, Any] = {"check": asked, "uncertainty": deviations, "samples": samples, "seed": seed}
-        options |= {"workers": workers, "budget_s": budget, "threshold": threshold, "width": width or None}
-        with interruptible() as interrupted, _progress_bar(samples) as progress:
-            verdict = try_plan(simulation, file, **options, progress=progress, cancel=interrupted.is_set)
+        tried |= {"check": asked, "threshold": threshold, "width": width or None}
+        with interruptible() as interrupted, _progress_bar(trial.samples) as progress:
+            verdict = try_plan(simulation, file, **tried, progress=progress, cancel=interrupted.is_set)
         if as_json:
             drawn = {} if picture is None else {"picture": str(picture)}
             print_json({"map": world.iri, "engine": simulation.engine_name, **verdict.to_dict(), **drawn})

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_MAP,
+    DEFAULT_SHAPES,
     AsJson,
-    AssetFolders,
     Delta,
     ExitCode,
     MapArgument,
     MapArguments,
-    MapName,
-    MapReading,
-    PlainBoxes,
+    MapChoice,
+    ShapeOptions,
     Strict,
     Verbose,
 )
@@ -38,7 +37,7 @@ from mindstage.cli.output import (
     progress_spinner,
     warn,
 )
-from mindstage.cli.setup import asset_folders, findings_about, godot_program, knowledge_base
+from mindstage.cli.setup import findings_about, godot_program, knowledge_base
 from mindstage.saving import FileDialect, FileFormat, dialect_name, file_format, save_world
 
 if TYPE_CHECKING:
@@ -56,8 +55,7 @@ _COUNT_NAMES = ("classes", "individuals", "objects", "constraints", "relations")
 def analyze(
     maps: MapArguments,
     *,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    reading: MapChoice = DEFAULT_MAP,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -65,7 +63,7 @@ def analyze(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
         # Without maps, requesting the only one (None) raises the appropriate error.
-        names: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
+        names: list[str | None] = [reading.map_name] if reading.map_name else [*knowledge.maps()] or [None]
         analyses = [knowledge.map_statistics(name) for name in names]
         for name in names:
             knowledge.world(name)  # whose findings and assumptions are printed
@@ -89,8 +87,7 @@ def compare(
     a: Annotated[str, typer.Argument(metavar="A", help="A semantic map.", show_default=False)],
     b: Annotated[str, typer.Argument(metavar="B", help="The map to compare it with.", show_default=False)],
     *,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    reading: MapChoice = DEFAULT_MAP,
     delta: Delta = 0.0,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -99,7 +96,7 @@ def compare(
 
     def read(path: str, conventions: UnitConventions) -> tuple[World, KnowledgeBase]:
         knowledge = knowledge_base([path], reading, conventions=[conventions])
-        return knowledge.world(map_name), knowledge
+        return knowledge.world(reading.map_name), knowledge
 
     with progress_spinner("reading"):
         conventions_a, conventions_b = reading.conventions([a, b])
@@ -120,8 +117,7 @@ def compare(
 def validate(
     maps: MapArguments,
     *,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    reading: MapChoice = DEFAULT_MAP,
     strict: Strict = False,
     verbose: Verbose = False,
     as_json: AsJson = False,
@@ -130,7 +126,7 @@ def validate(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, reading)
         # Without maps, requesting the only one (None) raises the appropriate error.
-        names: list[str | None] = [map_name] if map_name else [*knowledge.maps()] or [None]
+        names: list[str | None] = [reading.map_name] if reading.map_name else [*knowledge.maps()] or [None]
         worlds = [knowledge.world(name) for name in names]
         found = (finding for world in worlds for finding in findings_about(world, knowledge, strict=strict))
         findings = tuple(dict.fromkeys(found))
@@ -195,28 +191,25 @@ def convert(
     *,
     dialect: _FileDialectOption = None,
     format: _FileFormatOption = None,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: ShapeOptions = DEFAULT_SHAPES,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Convert a map to another dialect, without loss, or to another format, with notes on what it cannot express."""
     kind, chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
     with progress_spinner("converting"):
-        knowledge = knowledge_base([source], reading)
-        world = knowledge.world(map_name)
-        findings = findings_about(world, knowledge, strict=strict, assets=assets)
+        knowledge = knowledge_base([source], options)
+        world = knowledge.world(options.map_name)
+        findings = findings_about(world, knowledge, strict=strict, options=options)
         notes = save_world(
             world,
             out,
             knowledge=knowledge,
             format=kind,
             dialect=chosen if kind.is_map else None,
-            assets=() if kind.is_map else asset_folders(assets),
-            plain_shapes=plain_boxes,
+            assets=() if kind.is_map else options.asset_folders(),
+            plain_shapes=options.plain_boxes,
             godot=godot_program(),
         )
     dialect_written = dialect_name(world, knowledge, kind, chosen)

@@ -30,7 +30,14 @@ from typer.models import ParameterInfo
 
 from mindstage.cli.output import one_line, print_json
 from mindstage.cli.termination import exit_if_terminated
-from mindstage.errors import AmbiguousMapError, MindstageError, WorldError
+from mindstage.errors import (
+    AmbiguousMapError,
+    InvalidArgumentError,
+    MindstageError,
+    SourceParseError,
+    WorldError,
+    without_surrogates,
+)
 from mindstage.ranges import Coordinate, NotNegative, Range, Time, WallTime, range_of
 from mindstage.ranges import Port as PortNumber
 
@@ -40,43 +47,45 @@ if TYPE_CHECKING:
     from mindstage.maps import UnitConventions
 
 __all__ = [
+    "DEFAULT_MAP",
     "DEFAULT_PICTURE",
     "DEFAULT_READING",
+    "DEFAULT_SHAPES",
+    "DEFAULT_SPAWN",
+    "LOCAL_SERVER",
+    "LOOPBACK",
+    "NO_EPISODES",
     "REMOTE_SCHEMES",
     "AsJson",
-    "AssetFolders",
     "AtTime",
     "Closure",
     "Delta",
     "DuringInterval",
     "EndpointUrl",
     "EngineName",
-    "EpisodeFiles",
-    "EpisodeFolder",
+    "EpisodeOptions",
     "ExitCode",
     "Ground",
     "MapArgument",
     "MapArguments",
+    "MapChoice",
     "MapName",
     "MapOptions",
     "MapReading",
+    "MapSpawning",
     "OptionGroup",
-    "PageHost",
-    "PageToken",
     "PictureOptions",
-    "PlainBoxes",
     "Port",
     "Running",
     "Seconds",
+    "ServerOptions",
+    "ShapeOptions",
     "SinceTime",
     "StoreFolder",
     "Strict",
-    "TlsCertificateFile",
-    "TlsKeyFile",
     "UntilTime",
     "VerbCommand",
     "Verbose",
-    "VisitorLimitOptions",
     "WithViewport",
     "close_at_end",
     "command",
@@ -87,8 +96,6 @@ __all__ = [
 
 
 def _by_map(option: str, values: Sequence[str] | None, maps: Sequence[str], kind: type[Enum]) -> list[Enum | None]:
-    from mindstage.errors import InvalidArgumentError
-
     choices = {str(choice.value): choice for choice in kind}
     known = {name: at for at, map in enumerate(maps) for name in (map, Path(map).name, Path(map).stem)}
     found: list[Enum | None] = [None] * len(maps)
@@ -412,20 +419,20 @@ AssetFolders = Annotated[
     ),
 ]
 
-PageHost = Annotated[
-    str,
-    typer.Option(
-        "--host", metavar="HOST", help="The address the page listens at; one that is not local needs a token."
-    ),
+LOOPBACK = "127.0.0.1"
+"""The address of this machine, at which servers listen by default."""
+
+Host = Annotated[
+    str, typer.Option("--host", metavar="HOST", help="The address to listen at; one that is not local needs a token.")
 ]
 
-PageToken = Annotated[
+Token = Annotated[
     str | None,
     typer.Option(
         "--token",
         metavar="TOKEN",
         envvar="MINDSTAGE_TOKEN",
-        help="The token that clients of the page must present.",
+        help="The token that clients must present.",
         show_default=False,
     ),
 ]
@@ -470,6 +477,37 @@ PlainBoxes = Annotated[
 Ground = Annotated[
     bool,
     typer.Option("--ground/--no-ground", help="Add a ground plane where the map has nothing below loose bodies."),
+]
+
+EpisodeFiles = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--episode",
+        metavar="FILE",
+        help="Ask about a recorded episode, with the maps that it was recorded with; may be repeated. With --episodes, "
+        "the name of one of them.",
+        show_default=False,
+    ),
+]
+
+EpisodeFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--episodes",
+        metavar="DIR",
+        help="Ask about all episodes in a folder, which gets an index of their events.",
+        show_default=False,
+    ),
+]
+
+EngineName = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="ENGINE",
+        help="mujoco (physics), godot (physics, in a Godot process; godot:window shows its window), "
+        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine; ros+tls:// over TLS).",
+    ),
 ]
 
 _PER_MAP = "Prefix MAP= (a file name) for one map only; may be repeated."
@@ -548,6 +586,88 @@ class MapReading(OptionGroup):
 DEFAULT_READING = MapReading()
 """The options where none is given."""
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapChoice(MapReading):
+    """The options of every verb that reads one of several maps."""
+
+    map_name: MapName = None
+
+
+DEFAULT_MAP = MapChoice()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShapeOptions(MapChoice):
+    """The options of every verb that reads a map and uses the shapes of its bodies."""
+
+    assets: AssetFolders = None
+    plain_boxes: PlainBoxes = False
+
+    def asset_folders(self) -> list[Path]:
+        """The folders of `--assets`; none with `--plain-boxes`, whose shapes need no files.
+
+        Raises:
+            SourceParseError: one of them does not exist.
+        """
+        for folder in self.assets or ():
+            if not folder.is_dir():
+                cause = "there is no such folder; --assets takes folders of mesh files"
+                raise SourceParseError(str(folder), cause=cause)
+        return [] if self.plain_boxes else self.assets or []
+
+
+DEFAULT_SHAPES = ShapeOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MapSpawning(ShapeOptions):
+    """The options of every verb that reads and spawns a map."""
+
+    engine: EngineName = "mujoco"
+
+
+DEFAULT_SPAWN = MapSpawning()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EpisodeOptions(OptionGroup):
+    """The options of every verb that asks about recorded episodes."""
+
+    episode: EpisodeFiles = None
+    episodes: EpisodeFolder = None
+
+    def named(self) -> dict[str, str]:
+        """The episode that is asked about, as an argument; empty if there are several, or none.
+
+        Raises:
+            InvalidArgumentError: several names are given together with a folder.
+        """
+        names = self.episode or []
+        if self.episodes is None:
+            return {"episode": without_surrogates(Path(names[0]).stem)} if len(names) == 1 else {}
+        if len(names) > 1:
+            cause = f"{len(names)} names are given with --episodes"
+            raise InvalidArgumentError("--episode", cause=cause, remedy="give one name, or none for all episodes")
+        return {"episode": names[0]} if names else {}
+
+
+NO_EPISODES = EpisodeOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServerOptions(OptionGroup):
+    """The options of every verb that opens a port."""
+
+    host: Host = LOOPBACK
+    token: Token = None
+    tls_cert: TlsCertificateFile = None
+    tls_key: TlsKeyFile = None
+    limits: VisitorLimitOptions = None
+
+
+LOCAL_SERVER = ServerOptions()
+
 CameraPosition = Annotated[
     str | None,
     typer.Option("--from", metavar="X,Y,Z", help="The position of the camera, in meters.", show_default=False),
@@ -615,27 +735,6 @@ Running = Annotated[
     ),
 ]
 
-EpisodeFiles = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--episode",
-        metavar="FILE",
-        help="Ask about a recorded episode, with the maps that it was recorded with; may be repeated. With --episodes, "
-        "the name of one of them.",
-        show_default=False,
-    ),
-]
-
-EpisodeFolder = Annotated[
-    Path | None,
-    typer.Option(
-        "--episodes",
-        metavar="DIR",
-        help="Ask about all episodes in a folder, which gets an index of their events.",
-        show_default=False,
-    ),
-]
-
 AtTime = Annotated[
     Time | None,
     typer.Option(
@@ -681,16 +780,6 @@ StoreFolder = Annotated[
 EndpointUrl = Annotated[
     str | None,
     typer.Option("--endpoint", metavar="URL", help="A SPARQL endpoint that is queried too.", show_default=False),
-]
-
-EngineName = Annotated[
-    str,
-    typer.Option(
-        "--engine",
-        metavar="ENGINE",
-        help="mujoco (physics), godot (physics, in a Godot process; godot:window shows its window), "
-        "null (no physics), or ros://HOST:PORT/NAMESPACE (a remote engine; ros+tls:// over TLS).",
-    ),
 ]
 
 Delta = Annotated[

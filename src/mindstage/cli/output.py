@@ -246,7 +246,6 @@ def print_findings(
     """Prints findings on stderr, errors first; like findings are one line, up to a limit of lines.
 
     Args:
-        findings: the findings.
         all: whether to print each finding, without a limit.
         classes: returns the name of an individual's class, or None.
     """

@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     MapArguments,
-    MapName,
-    MapReading,
+    MapSpawning,
     Port,
     Seconds,
     Strict,
@@ -74,11 +71,8 @@ def place(
     *,
     items: Items,
     out: Out = None,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
     port: Port = None,
     seconds: Seconds = None,
@@ -88,13 +82,13 @@ def place(
     """Place items on or in furniture, at free and stable poses; exit 1 if any of them could not be placed."""
     from mindstage.simulation.placement_list import place_items
 
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    running = make_engine(options.engine)  # before the map is read, so that a wrong name fails at once
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, reading)
+        knowledge = knowledge_base(maps, options)
         listed = [item for text in items for item in _read_items(text, knowledge)]
-        world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict, assets=assets)
-    with simulation_from_options(knowledge, running, assets=assets) as simulation:
+        world = knowledge.world(options.map_name)
+    findings = findings_about(world, knowledge, strict=strict, options=options)
+    with simulation_from_options(knowledge, running, options) as simulation:
         with progress_spinner("spawning"):
             report = simulation.spawn(world)
         with progress_spinner("placing"):

@@ -15,10 +15,10 @@ from mindstage.access.limits import Deadline
 from mindstage.cli.attach import open_running, print_running_solutions, prolog_lines, running_target, warn_of_limit
 from mindstage.cli.options import (
     DEFAULT_READING,
+    NO_EPISODES,
     EndpointUrl,
     EngineName,
-    EpisodeFiles,
-    EpisodeFolder,
+    EpisodeOptions,
     ExitCode,
     MapReading,
     Port,
@@ -86,8 +86,7 @@ def prolog(
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
     reading: MapReading = DEFAULT_READING,
-    episode: EpisodeFiles = None,
-    episodes: EpisodeFolder = None,
+    recorded: EpisodeOptions = NO_EPISODES,
     engine: EngineName = "mujoco",
     with_viewport: _WithViewport = False,
     port: Port = None,
@@ -108,9 +107,7 @@ def prolog(
     load_library()  # before the map is read, so that a missing SWI-Prolog fails at once
     chosen = make_engine(engine)
     with progress_spinner("reading"):
-        knowledge = knowledge_with_episodes(
-            maps or [], reading, files=episode or [], folder=episodes, store=store, endpoint=endpoint
-        )
+        knowledge = knowledge_with_episodes(maps or [], reading, recorded, store=store, endpoint=endpoint)
     if not as_json:
         print_findings(knowledge.findings(), classes=class_lookup(knowledge))
     with ExitStack() as closing:

@@ -11,23 +11,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
+    LOCAL_SERVER,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     Ground,
     MapArguments,
-    MapName,
-    MapReading,
-    PageHost,
-    PageToken,
-    PlainBoxes,
+    MapSpawning,
     Port,
+    ServerOptions,
     Strict,
-    TlsCertificateFile,
-    TlsKeyFile,
-    VisitorLimitOptions,
 )
 from mindstage.cli.output import (
     print_json,
@@ -37,9 +30,8 @@ from mindstage.cli.output import (
     progress_spinner,
     step_with_progress,
 )
-from mindstage.cli.setup import make_engine
 from mindstage.cli.simulate import spawned_map
-from mindstage.cli.viewer import LOOPBACK, server_access, show_page
+from mindstage.cli.viewer import server_access, show_page
 from mindstage.errors import EpisodeFileError
 from mindstage.ranges import Frequency, WallTime
 
@@ -77,20 +69,12 @@ def record(
     out: OutputFile,
     seconds: SimulatedSeconds = None,
     rate: Rate = 30.0,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
     ground: Ground = True,
-    engine: EngineName = "mujoco",
     with_viewport: ServePage = False,
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
-    tls_cert: TlsCertificateFile = None,
-    tls_key: TlsKeyFile = None,
-    limits: VisitorLimitOptions = None,
+    server: ServerOptions = LOCAL_SERVER,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Spawn a map, simulate it, and record an episode; exit 1 if anything could not be spawned or is not at rest.
@@ -102,15 +86,11 @@ def record(
 
     if out.exists():  # before the map is read
         raise EpisodeFileError(str(out), cause="it exists", remedy="delete it, or choose another name")
-    access = server_access(host, token, tls_cert, tls_key, limits)
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
+    access = server_access(server)
     with (
         as_client("command line", trusted=True),
-        spawned_map(
-            maps, map_name, running, reading=reading, strict=strict, assets=assets, plain_boxes=plain_boxes,
-            ground=ground,
-        ) as spawned,
-    ):  # fmt: skip
+        spawned_map(maps, options, strict=strict, ground=ground) as spawned,
+    ):
         simulation = spawned.simulation
         if not as_json:
             spawned.print()

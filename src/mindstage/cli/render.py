@@ -14,16 +14,12 @@ import typer
 
 from mindstage.cli.options import (
     DEFAULT_PICTURE,
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     MapArguments,
-    MapName,
-    MapReading,
+    MapSpawning,
     PictureOptions,
-    PlainBoxes,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -147,11 +143,7 @@ def render(
     denoise: Denoise = True,
     exposure_ev: Exposure = 0.0,
     seed: Seed = 0,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
-    engine: EngineName = "mujoco",
+    options: MapSpawning = DEFAULT_SPAWN,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Render a path-traced picture or film of a map, like a photograph; no display, GPU or browser is needed."""
@@ -167,11 +159,9 @@ def render(
     settings = convert({"size": parse_size(view.size), **quality}, PathTracingSettings)
     targets = highlight_targets(view.highlights or [], view.colors or [])
     check_renderer()  # before the map is read, so that a missing library fails at once
-    with _scene(
-        maps, at, engine=engine, map_name=map_name, reading=reading, assets=assets, plain_boxes=plain_boxes
-    ) as (sim, summary):
+    with _scene(maps, at, options) as (sim, summary):
         _open(sim, opened or [])
-        own = None if robot is None else _add_robot(sim, robot, xacro=reading.expands_xacro)
+        own = None if robot is None else _add_robot(sim, robot, xacro=options.expands_xacro)
         step_with_progress(sim, view.simulated_s)
         results = [target.apply(sim) for target in targets]
         taken = _Shooting(sim, settings, own, camera, clip_height=view.section)
@@ -318,14 +308,7 @@ class _Shooting:
 
 @contextmanager
 def _scene(
-    maps: Sequence[str],
-    at: float | None,
-    *,
-    engine: str,
-    map_name: str | None,
-    reading: MapReading,
-    assets: list[Path] | None,
-    plain_boxes: bool,
+    maps: Sequence[str], at: float | None, options: MapSpawning
 ) -> Iterator[tuple[Simulation, dict[str, object]]]:
     """A simulation of the map, or of a moment of an episode, and what JSON has of it.
 
@@ -349,11 +332,11 @@ def _scene(
         return
     if at is not None:
         raise InvalidArgumentError("--at", cause="no episode is given", remedy="give a .mcap file, or omit it")
-    running = make_engine(engine)
+    running = make_engine(options.engine)
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, reading)
-        world = knowledge.world(map_name)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
+        knowledge = knowledge_base(maps, options)
+        world = knowledge.world(options.map_name)
+    with simulation_from_options(knowledge, running, options) as sim, exclusive(sim):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)

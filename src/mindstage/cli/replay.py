@@ -11,21 +11,18 @@ import typer
 
 from mindstage.cli.options import (
     DEFAULT_READING,
+    LOCAL_SERVER,
     AsJson,
     ExitCode,
     MapReading,
-    PageHost,
-    PageToken,
     Port,
     Seconds,
-    TlsCertificateFile,
-    TlsKeyFile,
-    VisitorLimitOptions,
+    ServerOptions,
     close_at_end,
 )
 from mindstage.cli.output import print_json, print_line, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base
-from mindstage.cli.viewer import LOOPBACK, ServerAccess, open_page, open_viewer, server_access
+from mindstage.cli.viewer import ServerAccess, open_page, open_viewer, server_access
 from mindstage.errors import EpisodeFileError, InvalidArgumentError
 from mindstage.ranges import Port as PortNumber
 from mindstage.ranges import Time
@@ -117,11 +114,7 @@ def replay(
     loop: Repeat = False,
     with_viewport: WithPage = True,
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
-    tls_cert: TlsCertificateFile = None,
-    tls_key: TlsKeyFile = None,
-    limits: VisitorLimitOptions = None,
+    server: ServerOptions = LOCAL_SERVER,
     open_browser: OpenBrowser = None,
     with_ros: WithRos = False,
     ros_port: RosPort = None,
@@ -137,7 +130,7 @@ def replay(
     from mindstage.episodes.replay import EpisodeReplay
 
     _check_options(files, out=out, with_viewport=with_viewport, with_ros=with_ros)
-    access = server_access(host, token, tls_cert, tls_key, limits)
+    access = server_access(server)
     with ExitStack() as resources:
         with progress_spinner("reading"):
             knowledge = None if recorded_map is None else knowledge_base([recorded_map], reading)

@@ -8,23 +8,19 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
+    LOCAL_SERVER,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
-    MapName,
-    MapReading,
-    PlainBoxes,
-    TlsCertificateFile,
-    TlsKeyFile,
-    VisitorLimitOptions,
+    MapSpawning,
+    ServerOptions,
     options_given,
 )
 from mindstage.cli.output import (
@@ -40,7 +36,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
-from mindstage.cli.viewer import LOOPBACK, ServerAccess, open_viewer, server_access
+from mindstage.cli.viewer import ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
 from mindstage.ranges import Port as PortNumber
 from mindstage.ranges import WallTime
@@ -78,19 +74,6 @@ BridgePort = Annotated[
         "--port",
         metavar="PORT",
         help="The port of the rosbridge server; 0 chooses a free one. By default 9090, or the next free one.",
-        show_default=False,
-    ),
-]
-Host = Annotated[
-    str, typer.Option("--host", metavar="HOST", help="The address to listen at; one that is not local needs a token.")
-]
-Token = Annotated[
-    str | None,
-    typer.Option(
-        "--token",
-        metavar="TOKEN",
-        envvar="MINDSTAGE_TOKEN",
-        help="The token that clients must present.",
         show_default=False,
     ),
 ]
@@ -179,12 +162,8 @@ def serve(
     maps: Maps = None,
     *,
     port: BridgePort = None,
-    host: Host = LOOPBACK,
-    token: Token = None,
+    server: ServerOptions = LOCAL_SERVER,
     origins: Origins = None,
-    tls_cert: TlsCertificateFile = None,
-    tls_key: TlsKeyFile = None,
-    limits: VisitorLimitOptions = None,
     connect: Connect = None,
     tls_authorities: TlsAuthorities = None,
     namespace: Namespace = "unreal",
@@ -192,11 +171,7 @@ def serve(
     worlds: Worlds = None,
     episodes: Episodes = None,
     added_robots: AddedRobots = None,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
-    engine: EngineName = "mujoco",
+    options: MapSpawning = DEFAULT_SPAWN,
     paused: Paused = False,
     with_viewport: WithPage = False,
     page_port: PagePort = None,
@@ -208,16 +183,18 @@ def serve(
     from mindstage.ros import RosInterface, RosVersion
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
-    access = server_access(host, "" if connect else token, tls_cert, tls_key, limits, origins=origins or [])
-    running, quitting = make_engine(engine), threading.Event()
-    knowledge, world = _load_knowledge(maps, map_name, reading)
+    access = server_access(replace(server, token=None) if connect else server, origins=origins or [])
+    running, quitting = make_engine(options.engine), threading.Event()
+    knowledge, world = _load_knowledge(maps, options)
     with ExitStack() as resources:
-        made = simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes)
+        made = simulation_from_options(knowledge, running, options)
         simulation = resources.enter_context(made)
         refused: list[Refusal] = []  # appended on the bridge's thread
-        node = resources.enter_context(_connect(connect, token, tls_authorities, refused) if connect else LocalNode())
-        spawned = _spawn_map(simulation, world, assets=None if plain_boxes else assets, as_json=as_json)
-        spawned |= _add_robots(simulation, added_robots or (), xacro=reading.expands_xacro, as_json=as_json)
+        node = resources.enter_context(
+            _connect(connect, server.token, tls_authorities, refused) if connect else LocalNode()
+        )
+        spawned = _spawn_map(simulation, world, options, as_json=as_json)
+        spawned |= _add_robots(simulation, added_robots or (), xacro=options.expands_xacro, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
@@ -259,12 +236,10 @@ def _check_options(
         raise InvalidArgumentError("--worlds", cause=f"{worlds} is not a folder")
 
 
-def _load_knowledge(
-    maps: list[str] | None, map_name: str | None, reading: MapReading
-) -> tuple[KnowledgeBase, World | None]:
+def _load_knowledge(maps: list[str] | None, options: MapSpawning) -> tuple[KnowledgeBase, World | None]:
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps or [], reading)
-        return knowledge, knowledge.world(map_name) if maps else None
+        knowledge = knowledge_base(maps or [], options)
+        return knowledge, knowledge.world(options.map_name) if maps else None
 
 
 def _start_server(resources: ExitStack, node: LocalNode, port: int | None, access: ServerAccess) -> str:
@@ -312,11 +287,11 @@ def _connect(url: str, token: str | None, authorities: Path | None, refused: lis
 
 
 def _spawn_map(
-    simulation: Simulation, world: World | None, *, assets: list[Path] | None, as_json: bool
+    simulation: Simulation, world: World | None, options: MapSpawning, *, as_json: bool
 ) -> dict[str, object]:
     if world is None:
         return {"map": None}
-    findings = findings_about(world, simulation.knowledge, assets=assets)
+    findings = findings_about(world, simulation.knowledge, options=options)
     with progress_spinner("spawning"):
         report = simulation.spawn(world)
     if not as_json:

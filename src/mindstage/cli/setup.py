@@ -16,7 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mindstage.api import load_knowledge, make_simulation
-from mindstage.cli.options import DEFAULT_READING, MapReading, close_at_end
+from mindstage.cli.options import (
+    DEFAULT_READING,
+    DEFAULT_SHAPES,
+    EpisodeOptions,
+    MapReading,
+    ShapeOptions,
+    close_at_end,
+)
 from mindstage.cli.output import warn
 from mindstage.errors import (
     EngineUnavailableError,
@@ -37,7 +44,6 @@ if TYPE_CHECKING:
     from mindstage.simulation import Simulation
 
 __all__ = [
-    "asset_folders",
     "exclusive",
     "findings_about",
     "godot_program",
@@ -101,33 +107,18 @@ def exclusive(simulation: Simulation) -> Iterator[None]:
 
 
 def simulation_from_options(
-    knowledge: KnowledgeBase, engine: Engine, *, assets: list[Path] | None = None, plain_boxes: bool = False
+    knowledge: KnowledgeBase, engine: Engine, options: ShapeOptions = DEFAULT_SHAPES
 ) -> Simulation:
     """Makes an empty simulation; see `mindstage.api.make_simulation`.
 
     Args:
-        knowledge: the knowledge base.
         engine: the engine, which the simulation owns.
-        assets: folders of mesh files, in addition to those that the map refers to.
-        plain_boxes: whether each body has only the primitive shape of the map.
+        options: where mesh files are looked up besides the folders of the map, and whether they are used.
 
     Raises:
         SourceParseError: one of the folders does not exist.
     """
-    folders = () if plain_boxes else asset_folders(assets)
-    return make_simulation(knowledge, engine, assets=folders, plain_shapes=plain_boxes)
-
-
-def asset_folders(folders: list[Path] | None) -> list[Path]:
-    """The folders of `--assets`.
-
-    Raises:
-        SourceParseError: one of them does not exist.
-    """
-    for folder in folders or ():
-        if not folder.is_dir():
-            raise SourceParseError(str(folder), cause="there is no such folder; --assets takes folders of mesh files")
-    return folders or []
+    return make_simulation(knowledge, engine, assets=options.asset_folders(), plain_shapes=options.plain_boxes)
 
 
 def knowledge_base(
@@ -178,9 +169,8 @@ def knowledge_base(
 def knowledge_with_episodes(
     maps: Sequence[str],
     reading: MapReading,
+    episodes: EpisodeOptions,
     *,
-    files: Sequence[str],
-    folder: Path | None,
     store: Path | None = None,
     endpoint: str | None = None,
     closure: bool = False,
@@ -191,8 +181,7 @@ def knowledge_with_episodes(
         maps: the maps; without any, and without a store or an endpoint, the knowledge base is the one that the first
             episode was recorded with.
         reading: how the maps are read.
-        files: files of episodes; with a folder these are names, and nothing is opened.
-        folder: a folder of episodes.
+        episodes: files of episodes, or a folder of them; with a folder the files are names, and are not opened.
         store: see `knowledge_base`, as the next two.
         endpoint: see there.
         closure: see there.
@@ -201,7 +190,8 @@ def knowledge_with_episodes(
         EpisodeFileError: a file cannot be read.
         InvalidArgumentError: the folder does not exist; see also `knowledge_base`.
     """
-    opened = _open_episodes(files) if folder is None and files else []
+    folder = episodes.episodes
+    opened = _open_episodes(episodes.episode or ()) if folder is None else []
     if opened and not maps and store is None and endpoint is None:
         knowledge = opened[0].knowledge()
         knowledge.load((), ontologies=[*(reading.ontologies or ()), *_ros_packages()])
@@ -261,15 +251,14 @@ def _as_file(name: str) -> str:
 
 
 def findings_about(
-    world: World, knowledge: KnowledgeBase, *, strict: bool = False, assets: list[Path] | None = None
+    world: World, knowledge: KnowledgeBase, *, strict: bool = False, options: ShapeOptions = DEFAULT_SHAPES
 ) -> tuple[Finding, ...]:
     """The findings of the knowledge base, one if mesh files are missing, and one if the world is empty.
 
     Args:
-        world: the world.
         knowledge: the knowledge base that it was read from.
         strict: whether findings are errors.
-        assets: the folders of `--assets`, in which mesh files are looked up.
+        options: where mesh files are looked up.
 
     Raises:
         MapRejectedError: with `strict`, if there are findings.
@@ -278,7 +267,7 @@ def findings_about(
     from mindstage.rdf import Finding, Severity
 
     findings = knowledge.findings()
-    if (missing := _missing_meshes(world, knowledge, asset_folders(assets))) is not None:
+    if (missing := _missing_meshes(world, knowledge, options.asset_folders())) is not None:
         findings = (*findings, missing)
     if not world.bodies:
         cause = "no bodies were found in it; is it a semantic map?"

@@ -1,4 +1,4 @@
-"""The verb `shot`: renders a picture of a map with OpenGL, or of the whole page in a headless browser.
+"""The verb `shot`: renders a picture of a map with OpenGL.
 
 Doors and drawers can be opened and bodies highlighted first. The simulation is paused while the picture is taken, so
 that the same map gives the same picture.
@@ -16,20 +16,15 @@ from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from mindstage.access.limits import Deadline
 from mindstage.cli.ask import named_args
 from mindstage.cli.options import (
     DEFAULT_PICTURE,
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
     AsJson,
-    AssetFolders,
-    EngineName,
     ExitCode,
     MapArguments,
-    MapName,
-    MapReading,
+    MapSpawning,
     PictureOptions,
-    PlainBoxes,
 )
 from mindstage.cli.output import (
     print_failures,
@@ -42,7 +37,6 @@ from mindstage.cli.output import (
 )
 from mindstage.cli.setup import exclusive, knowledge_base, make_engine, simulation_from_options
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
-from mindstage.files import atomic_write
 
 if TYPE_CHECKING:
     from mindstage.imagination import PlanFile, Verdict
@@ -51,7 +45,6 @@ if TYPE_CHECKING:
     from mindstage.simulation import HighlightResult, Simulation
 
 __all__ = [
-    "BrowserPath",
     "HighlightTarget",
     "highlight_targets",
     "parse_numbers",
@@ -169,25 +162,6 @@ Selected = Annotated[str | None, typer.Option("--select", metavar="ID", help="A 
 LabelsOf = Annotated[
     str, typer.Option("--labels", metavar="WHICH", help="Labels of bodies: none, selected, class or all.")
 ]
-WholePage = Annotated[bool, typer.Option("--page", help="Photograph the whole page, with its panels, in a browser.")]
-Panel = Annotated[
-    str,
-    typer.Option(
-        "--panel",
-        metavar="NAME",
-        help="Photograph the whole page, with this panel active: outliner, details, add, ask …",
-    ),
-]
-BrowserPath = Annotated[
-    str | None,
-    typer.Option(
-        "--browser",
-        metavar="PROGRAM",
-        envvar=["MINDSTAGE_BROWSER", "BROWSER_PATH", "CHROMIUM"],
-        help="Path of Chromium, Chrome or a compatible browser, for --page; by default searched for.",
-        show_default=False,
-    ),
-]
 Imagined = Annotated[
     str | None,
     typer.Option(
@@ -196,10 +170,6 @@ Imagined = Annotated[
         help="Try a plan (a JSON or YAML file, or text in braces), and draw where things end in its samples.",
         show_default=False,
     ),
-]
-Timeout = Annotated[
-    Deadline,
-    typer.Option("--timeout", metavar="SECONDS", help="The timeout of --page."),
 ]
 
 
@@ -211,39 +181,28 @@ def shot(
     opened: Opened = None,
     select: Selected = None,
     labels: LabelsOf = "none",
-    whole_page: WholePage = False,
-    panel: Panel = "",
-    browser: BrowserPath = None,
     imagined: Imagined = None,
-    timeout_s: Timeout = 180.0,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
-    engine: EngineName = "mujoco",
+    options: MapSpawning = DEFAULT_SPAWN,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Render a picture of a map; no display, GPU or browser is needed, except for --page."""
+    """Render a picture of a map; no display, GPU or browser is needed."""
+    from mindstage.pictures import picture_format
     from mindstage.rendering import Screenshot
 
+    picture_format(output)  # an unknown suffix fails before the map is read
     screenshot = Screenshot(
         size=parse_size(view.size),
         clip_height=view.section,
         selected=_parse_id(select),
         labels=_parse_labels(labels),
-        with_panels=whole_page or bool(panel),
-        panel=panel,
-        browser=browser,
-        timeout_s=timeout_s,
         **_camera_options(view.position, view.look_at, top=view.top),
     )
     plan = None if imagined is None else _load_plan(imagined)
-    targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(engine)
-    _check(screenshot, output)
+    targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(options.engine)
     with progress_spinner("reading"):
-        knowledge = knowledge_base(maps, reading)
-        world = knowledge.world(map_name)
-    with simulation_from_options(knowledge, running, assets=assets, plain_boxes=plain_boxes) as sim, exclusive(sim):
+        knowledge = knowledge_base(maps, options)
+        world = knowledge.world(options.map_name)
+    with simulation_from_options(knowledge, running, options) as sim, exclusive(sim):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)
@@ -257,22 +216,6 @@ def shot(
     return ExitCode.OK
 
 
-def _check(screenshot: Screenshot, output: Path) -> None:
-    """Fails at once, before the map is read, if the picture cannot be taken or written.
-
-    Raises:
-        InvalidArgumentError: the suffix of the file is unknown.
-        BrowserNotFoundError: the page is wanted, and there is no browser.
-    """
-    from mindstage.pictures import picture_format
-
-    picture_format(output)
-    if screenshot.with_panels:
-        from mindstage.viewer.screenshot import find_browser
-
-        find_browser(screenshot.browser)
-
-
 def take_picture(
     simulation: Simulation, screenshot: Screenshot, output: Path, *, verdict: Verdict | None = None
 ) -> None:
@@ -280,26 +223,11 @@ def take_picture(
 
     Raises:
         RendererUnavailableError: there is no OpenGL library.
-        BrowserError: the browser, which photographs the page with its panels, does not start, or has crashed.
     """
-    from mindstage.pictures import picture_format, recode_png
     from mindstage.pictures import shot as render
 
-    if not screenshot.with_panels:
-        with progress_spinner("rendering"):
-            render(simulation, output, screenshot, verdict=verdict)
-        return
-    from dataclasses import replace
-
-    from mindstage.api import view
-
-    with progress_spinner("taking the picture"), view(simulation, port=0) as viewer:
-        points = viewer.show_verdict(verdict) if verdict is not None else ()
-        has_camera = screenshot.position or screenshot.look_at or screenshot.focus or screenshot.from_above
-        framed = screenshot if has_camera else replace(screenshot, focus_points=points)
-        picture = viewer.screenshot(framed)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    atomic_write(output, recode_png(picture, picture_format(output)))
+    with progress_spinner("rendering"):
+        render(simulation, output, screenshot, verdict=verdict)
 
 
 def _load_plan(text: str) -> PlanFile:

@@ -17,26 +17,20 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mindstage.cli.options import (
-    DEFAULT_READING,
+    DEFAULT_SPAWN,
+    LOCAL_SERVER,
     AsJson,
-    AssetFolders,
     Delta,
-    EngineName,
     ExitCode,
     Ground,
     MapArguments,
-    MapName,
     MapReading,
-    PageHost,
-    PageToken,
-    PlainBoxes,
+    MapSpawning,
     Port,
     Seconds,
+    ServerOptions,
     Strict,
-    TlsCertificateFile,
-    TlsKeyFile,
     Verbose,
-    VisitorLimitOptions,
     WithViewport,
     close_at_end,
 )
@@ -67,7 +61,6 @@ from mindstage.cli.output import (
     step_with_progress,
 )
 from mindstage.cli.setup import (
-    asset_folders,
     exclusive,
     findings_about,
     is_remote_engine,
@@ -75,7 +68,7 @@ from mindstage.cli.setup import (
     make_engine,
     simulation_from_options,
 )
-from mindstage.cli.viewer import LOOPBACK, print_and_serve, server_access
+from mindstage.cli.viewer import print_and_serve, server_access
 from mindstage.errors import InvalidArgumentError
 from mindstage.ranges import WallTime
 
@@ -131,13 +124,9 @@ class SpawnedMap:
 @contextmanager
 def spawned_map(
     maps: Sequence[str],
-    map_name: str | None,
-    engine: Engine,
+    options: MapSpawning,
     *,
-    reading: MapReading,
     strict: bool,
-    assets: list[Path] | None,
-    plain_boxes: bool,
     ground: bool = True,
     in_empty_world: bool = False,
 ) -> Iterator[SpawnedMap]:
@@ -145,28 +134,23 @@ def spawned_map(
 
     Args:
         maps: the sources, loaded into one knowledge base.
-        map_name: the map to spawn; by default the only one.
-        engine: the engine, which the simulation owns.
-        reading: see `knowledge_base`.
+        options: how they are read, and which map is spawned how.
         strict: whether a map with findings is rejected.
-        assets: see `simulation_from_options`.
-        plain_boxes: see `simulation_from_options`.
         ground: see `Simulation.spawn`.
         in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
     """
+    engine = make_engine(options.engine)  # before the map is read, so that a wrong name fails at once
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
-        knowledge = knowledge_base(maps, reading)
-        if not plain_boxes:
+        knowledge = knowledge_base(maps, options)
+        if not options.plain_boxes:
             from mindstage.saving import mesh_assets
 
-            knowledge.use_meshes(mesh_assets(asset_folders(assets), knowledge).bounds)
-        world = knowledge.world(map_name)
-    findings = findings_about(world, knowledge, strict=strict, assets=assets)
+            knowledge.use_meshes(mesh_assets(options.asset_folders(), knowledge).bounds)
+        world = knowledge.world(options.map_name)
+    findings = findings_about(world, knowledge, strict=strict, options=options)
     with ExitStack() as stack:
-        simulation = stack.enter_context(
-            simulation_from_options(knowledge, engine, assets=assets, plain_boxes=plain_boxes)
-        )
+        simulation = stack.enter_context(simulation_from_options(knowledge, engine, options))
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
@@ -182,20 +166,12 @@ def spawned_map(
 def spawn(
     maps: MapArguments,
     *,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
     ground: Ground = True,
-    engine: EngineName = "mujoco",
     with_viewport: WithViewport = True,
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
-    tls_cert: TlsCertificateFile = None,
-    tls_key: TlsKeyFile = None,
-    limits: VisitorLimitOptions = None,
+    server: ServerOptions = LOCAL_SERVER,
     seconds: Seconds = None,
     verbose: Verbose = False,
     as_json: AsJson = False,
@@ -204,18 +180,8 @@ def spawn(
 
     Bodies that move by more than 0.1 m within the first two simulated seconds are not at rest.
     """
-    access = server_access(host, token, tls_cert, tls_key, limits)
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
-    with spawned_map(
-        maps,
-        map_name,
-        running,
-        reading=reading,
-        strict=strict,
-        assets=assets,
-        plain_boxes=plain_boxes,
-        ground=ground,
-    ) as spawned:
+    access = server_access(server)
+    with spawned_map(maps, options, strict=strict, ground=ground) as spawned:
         output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
         if not as_json:
@@ -296,13 +262,9 @@ def log(
             "--out", "-o", metavar="OUT", help="The map to write: .owl, .rdf, .xml or .ttl.", show_default=False
         ),
     ],
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
     ground: Ground = True,
-    engine: EngineName = "mujoco",
     seconds: Annotated[
         WallTime,
         typer.Option("--for", metavar="SECONDS", help="Simulated time before logging."),
@@ -313,19 +275,9 @@ def log(
 
     Without a map, the world of a remote engine is written.
     """
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
     if not maps:
-        return _log_remote(running, out, seconds=seconds, as_json=as_json)
-    with spawned_map(
-        maps,
-        map_name,
-        running,
-        reading=reading,
-        strict=strict,
-        assets=assets,
-        plain_boxes=plain_boxes,
-        ground=ground,
-    ) as spawned:
+        return _log_remote(make_engine(options.engine), out, seconds=seconds, as_json=as_json)
+    with spawned_map(maps, options, strict=strict, ground=ground) as spawned:
         written = _write(spawned.simulation, out, seconds=seconds)
         notes = spawned.simulation.notes
     if as_json:
@@ -391,13 +343,9 @@ _NON_XML_SUFFIXES = frozenset({".ttl", ".nt", ".n3", ".trig", ".nq"})
 def check(
     maps: MapArguments,
     *,
-    map_name: MapName = None,
-    reading: MapReading = DEFAULT_READING,
+    options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    assets: AssetFolders = None,
-    plain_boxes: PlainBoxes = False,
     ground: Ground = True,
-    engine: EngineName = "mujoco",
     delta: Delta = 0.0,
     verbose: Verbose = False,
     as_json: AsJson = False,
@@ -410,18 +358,7 @@ def check(
     if gc.isenabled():  # this verb creates no reference cycles, and keeps nearly all objects until its end
         gc.disable()
         close_at_end(gc.enable)
-    running = make_engine(engine)  # before the map is read, so that a wrong name fails at once
-    with spawned_map(
-        maps,
-        map_name,
-        running,
-        reading=reading,
-        strict=strict,
-        assets=assets,
-        plain_boxes=plain_boxes,
-        ground=ground,
-        in_empty_world=True,
-    ) as spawned:
+    with spawned_map(maps, options, strict=strict, ground=ground, in_empty_world=True) as spawned:
         engine_name, world, timings = spawned.simulation.engine_name, spawned.world, spawned.timings
         with progress_spinner("logging"), timings.measure("log"):
             logged = spawned.simulation.snapshot()
@@ -429,7 +366,7 @@ def check(
         origin = spawned.knowledge.source_view(world.iri)
         needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
         name = "logged.ttl" if needs_turtle else "logged.owl"
-        written = _file_round_trip(name, logged, origin, reading)
+        written = _file_round_trip(name, logged, origin, options)
         written.world(world.iri)
     with progress_spinner("comparing"), timings.measure("compare"):
         by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)

@@ -6,20 +6,17 @@ import os
 import sys
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from mindstage.cli.options import (
+    LOCAL_SERVER,
+    LOOPBACK,
     EngineName,
     ExitCode,
-    PageHost,
-    PageToken,
     Port,
-    TlsCertificateFile,
-    TlsKeyFile,
-    VisitorLimitOptions,
+    ServerOptions,
 )
 from mindstage.cli.output import print_findings, print_json, print_line, print_report, progress_spinner, warn
 from mindstage.cli.setup import knowledge_base, make_engine, simulation_from_options
@@ -34,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LOCAL_ACCESS",
-    "LOOPBACK",
     "ServerAccess",
     "demo",
     "keep_alive",
@@ -46,7 +42,6 @@ __all__ = [
 ]
 
 
-LOOPBACK = "127.0.0.1"
 BUNDLED = "bundled:kitchen"
 
 _POLL_INTERVAL_S = 0.2
@@ -66,15 +61,7 @@ class ServerAccess(NamedTuple):
 LOCAL_ACCESS = ServerAccess()
 
 
-def server_access(
-    host: str,
-    token: str | None,
-    certificate: Path | None,
-    key: Path | None,
-    limits: Sequence[str] | None,
-    *,
-    origins: Collection[str] = (),
-) -> ServerAccess:
+def server_access(options: ServerOptions, *, origins: Collection[str] = ()) -> ServerAccess:
     """Checks the options before a map is read.
 
     Raises:
@@ -85,7 +72,8 @@ def server_access(
     from mindstage.access.certificates import TlsCertificate
     from mindstage.access.visitors import is_loopback
 
-    if not token and not is_loopback(host):
+    host, certificate, key = options.host, options.tls_cert, options.tls_key
+    if not options.token and not is_loopback(host):
         remedy = "give a token with --token TOKEN, or omit --host"
         raise InvalidArgumentError(
             "--host", cause="without a token anyone in the network could change the world", remedy=remedy
@@ -95,7 +83,7 @@ def server_access(
     tls = None if certificate is None else TlsCertificate(certificate=certificate, key=key)
     if tls is not None:
         tls.server_context()
-    return ServerAccess(host, token or None, origins, tls, _visitor_limits(limits or ()))
+    return ServerAccess(host, options.token or None, origins, tls, _visitor_limits(options.limits or ()))
 
 
 def _visitor_limits(options: Sequence[str]) -> VisitorLimits:
@@ -142,7 +130,6 @@ def show_page(
     """Serves the page and plays the simulation until Ctrl-C or the end of the duration.
 
     Args:
-        simulation: the simulation.
         port: the port; None is the default one, or the next free one.
         duration_s: wall time [s]; None for no limit.
         announce: called with the URL when the page is served.
@@ -198,7 +185,6 @@ def keep_alive(simulation: Simulation, *, duration_s: float | None, quiet: bool 
     """Plays a simulation in real time for a duration.
 
     Args:
-        simulation: the simulation.
         duration_s: wall time, which does not depend on pauses [s]; None for no limit.
         quiet: whether to print nothing but errors of the simulation.
     """
@@ -220,11 +206,7 @@ def demo(
     *,
     engine: EngineName = "mujoco",
     port: Port = None,
-    host: PageHost = LOOPBACK,
-    token: PageToken = None,
-    tls_cert: TlsCertificateFile = None,
-    tls_key: TlsKeyFile = None,
-    limits: VisitorLimitOptions = None,
+    server: ServerOptions = LOCAL_SERVER,
     open_browser: Annotated[
         bool | None,
         typer.Option("--open/--no-open", help="Whether to open a browser; by default only with a graphical display."),
@@ -243,7 +225,7 @@ def demo(
     if name not in {BUNDLED, BUNDLED.partition(":")[2]}:
         remedy = f"another map is shown by: mindstage spawn {name}"
         raise InvalidArgumentError(name, cause=f"the demo shows {BUNDLED}", remedy=remedy)
-    access = server_access(host, token, tls_cert, tls_key, limits)
+    access = server_access(server)
     with progress_spinner("loading the kitchen"):
         knowledge = knowledge_base([BUNDLED])
         world = knowledge.world()

@@ -51,6 +51,8 @@ __all__ = [
     "make_engine",
 ]
 
+__dir__ = __all__.copy
+
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
 _NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEMES[0]}HOST:PORT/NAMESPACE"
 

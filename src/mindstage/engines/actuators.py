@@ -145,3 +145,4 @@ def driven_axis(actuator: Actuator, registry: EntityRegistry, joints: Mapping[Bo
 
 
 _FIRST_HINGE = 3
+"""Index of the first rotational axis of a joint; a count."""

@@ -278,6 +278,8 @@ class SpawnReport(
     """Bodies that moved by more than 0.1 m within `rest_checked_s`, or left the place, farthest first."""
     rest_checked_s: float = 0.0
     """Simulated time for which the bodies were observed [s]; 0 if they were not."""
+    expected_rebuild_s: float = 0.0
+    """How long the engine is expected to rebuild its model before time goes on [s]; of reports of simulations."""
 
     def ids_with_note(self, kind: SpawnNoteKind) -> frozenset[BodyId]:
         """The ids of bodies and joints that the notes of one kind are about."""

@@ -44,6 +44,7 @@ AXIS_NAMES = ("x", "y", "z", "twist", "swing2", "swing1")
 """The axes of a joint in the order of coordinates."""
 
 _HINGE_ORDER = (5, 4, 3)
+"""Indices of the rotational axes, outermost first."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,7 @@ MAX_COORDINATE_M = 1e8
 MAX_SIZE_M = 1e5
 """Larger bodies are refused."""
 _MIN_QUATERNION_NORM = 1e-6
+"""Dimensionless, as is its reciprocal, the largest norm."""
 _FRAME_TOLERANCE = 1e-9
 """A joint frame that differs by less from the described one is equal to it [m, rad], relative to larger coordinates."""
 _MAX_STRENGTH = 1e9

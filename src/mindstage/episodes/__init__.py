@@ -4,7 +4,6 @@
 and the last one imports the simulation.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from mindstage.episodes.detection import EventDetector, detect_events
@@ -17,10 +16,13 @@ from mindstage.episodes.recording import (
     Recording,
 )
 from mindstage.episodes.tracking import DetectionThresholds
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from mindstage.episodes.bags import RosBag
     from mindstage.episodes.episode import Episode
     from mindstage.episodes.mcap_file import EpisodeLoss
+    from mindstage.episodes.memory import EpisodeMemory
     from mindstage.episodes.recorder import Recorder, RecordingFolder
     from mindstage.episodes.replay import EpisodeReplay
 
@@ -32,25 +34,26 @@ __all__ = [
     "EpisodeEventKind",
     "EpisodeFrame",
     "EpisodeLoss",
+    "EpisodeMemory",
     "EpisodeReplay",
     "EventDetector",
     "FrameRecording",
     "Recorder",
     "Recording",
     "RecordingFolder",
+    "RosBag",
     "detect_events",
 ]
 
 _MODULES = {
     "Episode": "mindstage.episodes.episode",
     "EpisodeLoss": "mindstage.episodes.mcap_file",
+    "EpisodeMemory": "mindstage.episodes.memory",
     "EpisodeReplay": "mindstage.episodes.replay",
     "Recorder": "mindstage.episodes.recorder",
     "RecordingFolder": "mindstage.episodes.recorder",
+    "RosBag": "mindstage.episodes.bags",
 }
 
 
-def __getattr__(name: str) -> object:
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

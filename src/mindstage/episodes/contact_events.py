@@ -516,8 +516,8 @@ class ContactTracker:
         table, velocity = sample.table, np.array(sample.last_velocities[row])
         # The contact itself is counted already.
         if table.is_free[row] and table.has_gravity[row] and self.contact_counts[row] <= 1:
-            flight_s = 1.5 * sample.step_s if velocity[2] < -_GRAVITY * sample.step_s else 0.0
-            velocity[2] -= _GRAVITY * flight_s
+            flight_s = 1.5 * sample.step_s if velocity[2] < -_GRAVITY_M_S2 * sample.step_s else 0.0
+            velocity[2] -= _GRAVITY_M_S2 * flight_s
         return velocity
 
     @staticmethod
@@ -595,7 +595,7 @@ class ContactTracker:
 
 
 _ORIGIN = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-_GRAVITY = 9.81
+_GRAVITY_M_S2 = 9.81
 _BOUNCE_S = 0.2
 """A contact that begins again within this time goes on [s]."""
 _CHANGED_M = 1e-6

@@ -154,3 +154,4 @@ def _smoothed(before: EpisodeFrame | None, frame: EpisodeFrame, after: EpisodeFr
 
 
 _UNIT_TOLERANCE = 1e-9
+"""By how much the squared norm of a unit quaternion may differ from 1; dimensionless."""

@@ -353,7 +353,6 @@ class Episode:
         `reset` of the returned simulation, which the caller closes, restores the worlds as they were spawned.
 
         Args:
-            time_s: the time.
             engine: the name of the engine.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Exports of an episode to general formats: CSV, rerun's `.rrd`, and LeRobot datasets.
+"""Exports of an episode to general formats: CSV and LeRobot datasets.
 
 An export is a copy for another program; it is not read back here.
 """
@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
 from mindstage.errors import EpisodeError, EpisodeFileError
-from mindstage.files import atomic_file, atomic_folder, atomic_write
+from mindstage.files import atomic_folder, atomic_write
 from mindstage.scene import BodyId, World
 from mindstage.scene.kinematics import joint_reach
-from mindstage.scene.transforms import Array, normalize
+from mindstage.scene.transforms import Array
 
-__all__ = ["write_csv", "write_lerobot", "write_rrd"]
+__all__ = ["write_csv", "write_lerobot"]
 
 
 # -- CSV ---------------------------------------------------------------------------------------------------------------
@@ -321,100 +321,3 @@ def _data_table(pa: Any, data: Mapping[str, NDArray[Any]], features: Mapping[str
         else:
             columns[key] = pa.array(values, type)
     return pa.table(columns)
-
-
-# -- rerun -------------------------------------------------------------------------------------------------------------
-
-
-class _RerunPose(NamedTuple):
-    position: list[float]
-    xyzw: list[float]
-
-
-def write_rrd(recording: Recording, path: str | PathLike[str]) -> None:
-    """Writes an episode as a recording of rerun: meshes once, poses when they change, joint positions, events as text.
-
-    Args:
-        recording: the episode.
-        path: the file, such as `run.rrd`.
-
-    Raises:
-        EpisodeFileError: rerun is not installed, or the file cannot be written.
-    """
-    try:
-        import rerun
-    except ImportError as error:
-        raise EpisodeFileError(
-            str(path), cause="rerun is not installed", remedy="pip install 'mindstage[rerun]'"
-        ) from error
-    stream = rerun.RecordingStream("mindstage", recording_id=recording.name or None)
-    try:
-        with atomic_file(Path(path)) as part:
-            try:
-                stream.save(str(part))
-                _log(rerun, stream, recording)
-                stream.flush()
-            finally:
-                stream.disconnect()
-    except (OSError, RuntimeError) as error:
-        cause = getattr(error, "strerror", None) or f"rerun cannot write it: {error}"
-        raise EpisodeFileError(str(path), cause=cause) from error
-
-
-def _log(rerun: Any, stream: Any, recording: Recording) -> None:
-    stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    drawn: set[BodyId] = set()
-    sent: dict[BodyId, Array] = {}
-    joints_sent: dict[BodyId, tuple[float, ...]] = {}
-    for frame in recording.frames():
-        stream.set_time("episode", duration=frame.time_s)
-        sizes = {body.id: body.size or (0.1, 0.1, 0.1) for body in frame.structure.bodies}
-        for id in sent.keys() - set(frame.ids):
-            stream.log(f"world/{_entity(id)}", rerun.Clear(recursive=True))
-            del sent[id]
-            drawn.discard(id)
-        for id, row in zip(frame.ids, frame.poses, strict=True):
-            if id not in drawn:
-                drawn.add(id)
-                for name, shape in _shapes(rerun, recording, id, sizes.get(id, (0.1, 0.1, 0.1))):
-                    stream.log(f"world/{_entity(id)}/{name}", shape)
-            if id not in sent or not np.array_equal(sent[id], row):
-                sent[id] = row.copy()
-                w, x, y, z = normalize(row[3:]).tolist()
-                pose = _RerunPose(row[:3].tolist(), [x, y, z, w])
-                transform = rerun.Transform3D(translation=pose.position, rotation=rerun.Quaternion(xyzw=pose.xyzw))
-                stream.log(f"world/{_entity(id)}", transform)
-        for id, axes in _movable_joints(frame.structure) if frame.joint_positions else ():
-            positions = (frame.joint_positions or {}).get(id)
-            if positions is not None and joints_sent.get(id) != positions:
-                joints_sent[id] = positions
-                for axis in axes:
-                    stream.log(f"joints/{_entity(id)}/{AXIS_NAMES[axis]}", rerun.Scalars(positions[axis]))
-    for event in recording.events():
-        stream.set_time("episode", duration=event.begin_s)
-        others = ", ".join(each for each in (event.other, event.joint, event.agent) if each)
-        end = "not ended" if event.end_s is None else f"until {event.end_s:.2f} s"
-        stream.log("events", rerun.TextLog(f"{event.kind.value} {event.thing} {others} ({end})", level="INFO"))
-
-
-def _shapes(rerun: Any, recording: Recording, id: BodyId, size: Sequence[float]) -> Iterator[tuple[str, Any]]:
-    geometry = recording.geometry.get(id)
-    if geometry is None or not geometry.visuals:
-        yield "box", rerun.Boxes3D(sizes=[list(size)])
-        return
-    for number, visual in enumerate(geometry.visuals):
-        color = [round(255 * part) for part in (*visual.material.color, visual.material.opacity)]
-        yield (
-            f"mesh{number}",
-            rerun.Mesh3D(
-                vertex_positions=visual.points.astype(np.float32),
-                triangle_indices=visual.faces,
-                vertex_normals=None if visual.normals is None else visual.normals.astype(np.float32),
-                albedo_factor=color,
-            ),
-        )
-
-
-def _entity(id: str) -> str:
-    """An id as one part of rerun's entity path, whose special characters are escaped."""
-    return "".join(part if part.isalnum() or part in "_-." else f"\\{part}" for part in id)

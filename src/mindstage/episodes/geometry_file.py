@@ -90,7 +90,6 @@ def decode_geometry(data: bytes, *, known: Mapping[str, BodyGeometry] | None = N
     """The geometry in bytes that `encode_geometry` has made.
 
     Args:
-        data: the bytes.
         known: geometries of the keys that were left out.
 
     Raises:

@@ -77,7 +77,6 @@ class EpisodeHistory:
         """Reads nothing yet.
 
         Args:
-            recording: the recording.
             name: the name of the episode; by default that of the recording.
             knowledge: what a resumed simulation uses; by default the bundled ontology only.
         """

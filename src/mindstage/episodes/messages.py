@@ -44,6 +44,7 @@ _MAX_LAYOUTS = 256
 _DEFAULT_COLOR = (0.7, 0.7, 0.7)
 _DEFAULT_SIZE_M = 0.05
 _CUBE, _SPHERE, _CYLINDER, _ADD, _DELETE_ALL = 1, 2, 3, 0, 3
+"""These are codes of visualization_msgs/Marker."""
 _MARKER_TYPES = {PrimitiveType.SPHERE: _SPHERE, PrimitiveType.CYLINDER: _CYLINDER}
 
 

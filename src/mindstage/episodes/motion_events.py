@@ -31,7 +31,7 @@ __all__ = [
 
 Mask = NDArray[np.bool_]
 
-_GRAVITY = 9.81
+_GRAVITY_M_S2 = 9.81
 
 
 @dataclass(slots=True, eq=False)
@@ -232,7 +232,7 @@ def free_flight_begin(times: Array, heights: Array, window_s: float, tolerance_m
         window_s: the parabola fits this last part [s].
         tolerance_m: the largest deviation from it [m].
     """
-    lifted = heights + _GRAVITY / 2 * times**2
+    lifted = heights + _GRAVITY_M_S2 / 2 * times**2
     first = min(int(np.searchsorted(times, -window_s - _ROUNDING_S)), max(len(times) - 2, 0))
     slope, height = np.polyfit(times[first:], lifted[first:], 1)
     agrees = np.abs(lifted - slope * times - height) <= tolerance_m
@@ -254,7 +254,6 @@ class FallDetector:
         """Takes a sample.
 
         Args:
-            sample: the sample.
             contact_counts: the number of contacts of the rigid group of each body.
             held: which bodies are attached to a mover or gripped.
         """

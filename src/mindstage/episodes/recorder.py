@@ -183,7 +183,6 @@ class Recorder:
         """Starts to record; the state at this time is the first frame.
 
         Args:
-            simulation: the simulation.
             path: the file to write, ending with ".mcap".
             rate_hz: frames per simulated second. Edits are recorded when they are made.
             events: whether events are detected while it records; otherwise whoever reads the file detects them.
@@ -350,8 +349,6 @@ class Recorder:
         """Records a published state if a frame is due.
 
         Args:
-            state: the state.
-            engine: the engine.
             edited: whether anything but poses may have changed.
             rebuild_pending: whether reading joints and contacts would make the engine rebuild its model.
         """
@@ -509,7 +506,6 @@ class RecordingFolder:
         """Records nothing before `start`.
 
         Args:
-            simulation: the simulation.
             folder: created with the first recording, if it does not exist.
         """
         self.folder = folder

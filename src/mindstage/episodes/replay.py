@@ -281,7 +281,6 @@ def knowledge_of(recording: Recording, *, worlds_only: bool = False) -> Knowledg
     """The knowledge base of a recording.
 
     Args:
-        recording: the recording.
         worlds_only: whether it is made from the recorded worlds and the bundled ontology, as it is for a recording
             without a knowledge base.
 

@@ -129,7 +129,6 @@ class JointTable:
         """The table of a world; the joints of robots are not in it, since they neither open nor close.
 
         Args:
-            world: the world.
             row: the rows of the bodies.
             before: an earlier table; joints that are not in it have position 0 at the poses of the world.
         """
@@ -243,7 +242,6 @@ class BodyTable:
         """The table of the bodies of a frame.
 
         Args:
-            frame: the frame.
             before: the table of the frame before, which tells new attachments from those of the map.
         """
         by_id = {body.id: number for number, body in enumerate(frame.structure.bodies)}
@@ -350,16 +348,6 @@ class MotionSample:
     def is_first(self) -> bool:
         """Whether there is no sample before."""
         return self.step_s == 0.0
-
-    def onset_s(self, row: int, still_m: float) -> float:
-        """The last time at which a body that now moves was within a distance of where it was at rest [s]."""
-        start = self.history[0][1][row, :3] if self.history else self.poses[row, :3]
-        found = self.history[0][0] if self.history else self.time_s
-        for time_s, poses in self.history:
-            if np.linalg.norm(poses[row, :3] - start) > still_m:
-                break
-            found = time_s
-        return found
 
     def rest_s(self, row: int, still_m: float) -> float:
         """The first time from which a body has stayed within a distance of where it is now [s]."""

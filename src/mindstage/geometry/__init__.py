@@ -15,3 +15,5 @@ __all__ = [
     "fit_geometry",
     "template_by_name",
 ]
+
+__dir__ = __all__.copy

@@ -113,6 +113,7 @@ _WORKTOP_INSERT_SHAPES = ("sink", "hob", "tub", "basket", "bin")
 _WALL_INSERT_SHAPES = ("door", "window", "frame")
 _ARCHITECTURE_SHAPES = ("wall", "shell", "panel", "picture", "lamp")
 _NO_SIZE = (0.0, 0.0, 0.0)
+"""[m]."""
 _MIN_ROOM_M = 1.0
 """A wall of at least this thickness is the bounding box of the walls of a room."""
 

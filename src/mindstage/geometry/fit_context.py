@@ -328,7 +328,6 @@ def wall_openings(
     """Returns the openings of a wall for the bodies in it.
 
     Args:
-        context: the scene.
         row: the wall.
         neighborhood: the neighbors of the wall.
         opening_mask: for each body, whether it needs an opening.

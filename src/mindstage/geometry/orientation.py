@@ -83,7 +83,6 @@ class OrientationSolver:
         """Stores the scene.
 
         Args:
-            context: the scene.
             neighborhoods: neighbors by row, at least of cabinets, doors and drawers.
         """
         self._context = context

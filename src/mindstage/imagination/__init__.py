@@ -1,9 +1,11 @@
 """Imagination: plans are tried in copies of a running world, many times, with a verdict and its reason."""
 
+from typing import TYPE_CHECKING
+
 from mindstage.imagination.acting import TryFirstResult, act, try_first
 from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
-from mindstage.imagination.plan_files import PlanBuilder, PlanFile, dump_plan, load_plan, plan_schema
+from mindstage.imagination.plan_files import PlanBuilder, PlanFile, PlanLike, dump_plan, load_plan, plan_schema
 from mindstage.imagination.plans import (
     Attach,
     ChangePhysics,
@@ -23,6 +25,10 @@ from mindstage.imagination.plans import (
 )
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.verdicts import CauseCount, Progress, Replay, ReplayFrame, Verdict, imagine, wilson_interval
+from mindstage.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from mindstage.imagination.warp_executor import WarpExecutor
 
 __all__ = [
     "Attach",
@@ -44,6 +50,7 @@ __all__ = [
     "Plan",
     "PlanBuilder",
     "PlanFile",
+    "PlanLike",
     "PlanRunner",
     "PlanStep",
     "Progress",
@@ -56,6 +63,7 @@ __all__ = [
     "Uncertainty",
     "Verdict",
     "Wait",
+    "WarpExecutor",
     "WorkerPoolExecutor",
     "act",
     "dump_plan",
@@ -68,3 +76,5 @@ __all__ = [
     "validate_plan",
     "wilson_interval",
 ]
+
+__getattr__, __dir__ = lazy_names(__name__, {"WarpExecutor": "mindstage.imagination.warp_executor"})

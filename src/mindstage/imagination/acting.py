@@ -11,7 +11,6 @@ False
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -25,8 +24,8 @@ from mindstage.access.limits import Samples, Timeout
 from mindstage.engines.base import PoseArray
 from mindstage.imagination.execution import PlanRunner, complete, never
 from mindstage.imagination.executors import Executor
-from mindstage.imagination.plan_files import PlanFile, load_plan
-from mindstage.imagination.plans import Check, Plan, Uncertainty
+from mindstage.imagination.plan_files import PlanLike, load_plan
+from mindstage.imagination.plans import Check, Uncertainty
 from mindstage.imagination.results import Outcome, SampleResult
 from mindstage.imagination.verdicts import Progress, Verdict, imagine
 from mindstage.ranges import Fraction, Seed, Workers, checked
@@ -81,7 +80,7 @@ class TryFirstResult:
 @checked
 def act(
     simulation: Simulation,
-    plan: Plan | PlanFile | str | os.PathLike[str],
+    plan: PlanLike,
     *,
     seed: Seed = 0,
     stop: Callable[[], bool] = never,
@@ -94,7 +93,7 @@ def act(
 
     Args:
         simulation: the simulation, which changes.
-        plan: the plan, or the path or text of one.
+        plan: the plan, a dict, or the path or text of one; see `load_plan`.
         seed: of what skills sample.
         stop: asked at least every 0.1 s of simulated time; true ends the plan, and robots stop.
         on_poses: called with the time since the start [s], the ids and the poses (n x 7), at least every 0.1 s.
@@ -103,12 +102,10 @@ def act(
     Raises:
         PlanError: the plan does not fit the world; nothing was done.
     """
-    file = load_plan(plan) if isinstance(plan, str | os.PathLike) else plan
-    if isinstance(file, PlanFile):
-        file.validate(simulation)
-    given = file.plan if isinstance(file, PlanFile) else file
-    runner = PlanRunner(simulation, msgspec.structs.replace(given, uncertainty=()), seed=seed)
-    with simulation.undo_stack.one_step(given.name or "plan"):
+    file = load_plan(plan)
+    certain = msgspec.structs.replace(file, plan=msgspec.structs.replace(file.plan, uncertainty=()))
+    runner = PlanRunner(simulation, certain, seed=seed)
+    with simulation.undo_stack.one_step(file.plan.name or "plan"):
         sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
         return complete(sample, lambda duration_s: _let_pass(simulation, duration_s), stop=stop)
 
@@ -116,7 +113,7 @@ def act(
 @checked
 def try_first(
     simulation: Simulation,
-    plan: Plan | PlanFile | str | os.PathLike[str],
+    plan: PlanLike,
     *,
     at_least: Fraction = 0.9,
     certain: bool = True,
@@ -137,8 +134,7 @@ def try_first(
     Simulated time stands still while the plan is tried. If something moves nevertheless, nothing is done.
 
     Args:
-        simulation: the simulation.
-        plan: the plan, or the path or text of one.
+        plan: the plan, a dict, or the path or text of one; see `load_plan`.
         at_least: the probability of success that the plan must have.
         certain: whether the whole 95 % interval of the probability has to be as high, rather than the estimate.
         check: a question at the end, instead of the plan's.

@@ -27,6 +27,7 @@ from mindstage.errors import (
     WorldError,
     suggestion,
 )
+from mindstage.imagination.plan_files import PlanFile, PlanLike, load_plan
 from mindstage.imagination.plans import (
     Attach,
     ChangePhysics,
@@ -52,12 +53,12 @@ from mindstage.rdf.graphs import local_name
 from mindstage.robots import find_robot
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
-from mindstage.scene import BodyId, Iri, Pose, Vector
+from mindstage.scene import BodyId, Iri, Pose, Vector, as_pose
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
 from mindstage.simulation import Simulation
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
-from mindstage.simulation.state import EngineSession, WorldSession
+from mindstage.simulation.state import EngineSession, WorldSession, find_body
 
 __all__ = [
     "PlanRunner",
@@ -93,18 +94,18 @@ def never() -> bool:
     return False
 
 
-def is_uncertain(plan: Plan) -> bool:
+def is_uncertain(plan: PlanLike) -> bool:
     """Whether samples of a plan differ: a plan without uncertainty has one outcome only."""
     return any(
         np.any(each.position_m) or each.yaw_rad or each.mass or each.friction or each.joint_friction
-        for each in plan.uncertainty
+        for each in load_plan(plan).plan.uncertainty
     )
 
 
 @checked
 def run_plan(
     simulation: Simulation,
-    plan: Plan,
+    plan: PlanLike,
     *,
     index: Index = 0,
     seed: Seed = 0,
@@ -115,7 +116,7 @@ def run_plan(
 
     Args:
         simulation: usually a copy, `sim.imagine(threaded=False)`.
-        plan: a valid plan.
+        plan: the plan; see `load_plan`.
         index: the number of the sample.
         seed: the seed of all samples.
         stop: asked at least every 0.1 s of simulated time; the outcome is unknown if it returns true.
@@ -127,18 +128,16 @@ def run_plan(
     return PlanRunner(simulation, plan, seed=seed).run(simulation, index, stop=stop, on_poses=on_poses)
 
 
-def validate_plan(plan: Plan, simulation: Simulation, *, place: Callable[[str], str] = lambda path: path) -> None:
+def validate_plan(plan: PlanLike, simulation: Simulation) -> None:
     """Checks that a plan fits a world, before anything runs.
 
     Args:
-        plan: the plan.
         simulation: the world, as it is before the first step.
-        place: turns a path in the plan, such as "steps[2].thing", into what errors name, such as a line of a file.
 
     Raises:
-        PlanError: a body, class, joint or question does not exist, or an argument is missing.
+        PlanError: a body, class, joint or question does not exist, or an argument is missing; with the line of a file.
     """
-    _Validator(plan, simulation, place).check()
+    _Validator(load_plan(plan), simulation).check()
 
 
 class SampleWorld(WorldSession, Protocol):
@@ -164,18 +163,19 @@ class PlanRunner:
     """Executes one plan again and again, in simulations that begin in the same state."""
 
     @checked
-    def __init__(self, simulation: Simulation, plan: Plan, *, seed: Seed = 0) -> None:
+    def __init__(self, simulation: Simulation, plan: PlanLike, *, seed: Seed = 0) -> None:
         """Prepares what all samples have in common.
 
         Args:
             simulation: a simulation in the state in which all samples begin.
-            plan: the plan.
             seed: the seed of all samples.
 
         Raises:
             PlanError: the plan does not fit the world.
         """
-        validate_plan(plan, simulation)
+        file = load_plan(plan)
+        validate_plan(file, simulation)
+        plan = file.plan
         self._plan, self._seed = plan, seed
         self._basis = WatchBasis.of(simulation)
         self._uncertainty = _uncertainty_by_body(plan, simulation, self._basis)
@@ -216,7 +216,6 @@ class PlanRunner:
         """Begins one sample in a world that is in the initial state, and that the caller steps.
 
         Args:
-            world: the world.
             index: the number of the sample.
             on_poses: see `run_plan`.
             on_step: called when a step of a skill begins, and when it ends.
@@ -246,7 +245,6 @@ def complete(
     """Runs a sample from its begin to its end.
 
     Args:
-        sample: the sample.
         let_pass: lets simulated time pass [s], such as `simulation.step`.
         stop: asked before each time; true ends the sample, whose outcome is unknown then.
     """
@@ -440,7 +438,7 @@ class _Sample:
 
     def _target(self, id: BodyId, step: Move) -> Pose:
         if step.to is not None:
-            return step.to
+            return as_pose(step.to)
         pose = self._pose(id)
         pose[:3] += np.asarray(step.by)
         return pose_from_array(pose)
@@ -703,15 +701,6 @@ def _perturbed(pose: Array, uncertainty: Uncertainty, noise: Array) -> Pose:
 # -- names -------------------------------------------------------------------------------------------------------------
 
 
-def find_body(simulation: WorldSession, name: str) -> BodyId | None:
-    """The id of the body with that id or IRI; None if there is none."""
-    ids = simulation.state.ids
-    if name in ids:
-        return BodyId(name)
-    named = (body.id for world in simulation.worlds for body in world.bodies if body.iri == name)
-    return next((id for id in named if id in ids), None)
-
-
 def _uncertainty_by_body(plan: Plan, simulation: Simulation, basis: WatchBasis) -> dict[BodyId, Uncertainty]:
     """The uncertainty of each body, in the order of the poses; what is stated for a body precedes that of its class."""
     if not plan.uncertainty:
@@ -751,8 +740,8 @@ def _merged(stated: list[Uncertainty]) -> Uncertainty | None:
 
 
 class _Validator:
-    def __init__(self, plan: Plan, simulation: Simulation, place: Callable[[str], str]) -> None:
-        self.plan, self.simulation, self.place = plan, simulation, place
+    def __init__(self, file: PlanFile, simulation: Simulation) -> None:
+        self.plan, self.simulation, self.place = file.plan, simulation, file.place
         self.new_ids: set[str] = set()
 
     def check(self) -> None:

@@ -9,18 +9,17 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeAlias
 
 import msgspec
 import yaml
 
 from mindstage.access.limits import Deadline, PositiveDuration
 from mindstage.errors import PlanError
-from mindstage.imagination.execution import validate_plan
 from mindstage.imagination.plans import (
     Attach,
     ChangePhysics,
@@ -39,10 +38,9 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.ranges import ForceVector, Fraction, Point, PositiveMass, checked
-from mindstage.scene import Mobility, Pose
-from mindstage.simulation import Simulation
+from mindstage.scene import Mobility, PoseLike, as_pose
 
-__all__ = ["PlanBuilder", "PlanFile", "dump_plan", "load_plan", "plan_schema"]
+__all__ = ["PlanBuilder", "PlanFile", "PlanLike", "dump_plan", "load_plan", "plan_schema"]
 
 _MAX_SIZE = 100_000
 """A longer text is refused; the longest plan of use has a few kilobytes."""
@@ -62,25 +60,48 @@ class PlanFile(msgspec.Struct, frozen=True, kw_only=True):
         """What errors about a part of the plan name: "plan.yaml:12: steps[0].thing"."""
         return _place(self.name, self.lines, path)
 
-    def validate(self, simulation: Simulation) -> None:
-        """Checks that the plan fits a world.
 
-        Raises:
-            PlanError: a body, class, joint or question does not exist, or an argument is missing; with the line.
-        """
-        validate_plan(self.plan, simulation, place=self.place)
+PlanLike: TypeAlias = Plan | PlanFile | Mapping[str, Any] | str | os.PathLike[str]
+"""What is accepted as a plan; see `load_plan`."""
 
 
-def load_plan(source: str | os.PathLike[str], *, name: str = "") -> PlanFile:
-    """Reads a plan from a file, or from a text.
+def load_plan(source: PlanLike, *, name: str = "") -> PlanFile:
+    """The plan that was given as such, as a dict, or as a file or text, which is read.
 
     Args:
-        source: a path, or JSON or YAML text with more than one line or beginning with "{".
+        source: a plan; a dict of the form of a JSON plan; a path; or JSON or YAML text with more than one line or
+            beginning with "{".
         name: what errors name; by default the path, or "the plan".
 
     Raises:
-        PlanError: the file does not exist, or its content is no plan; with the line.
+        PlanError: the file does not exist, or the content is no plan; with the line.
     """
+    if isinstance(source, PlanFile):
+        return source
+    if isinstance(source, Plan):
+        return PlanFile(plan=source, name=name, lines={})
+    lines: dict[str, int] = {}
+    if isinstance(source, str | os.PathLike):
+        named, content, lines = _read_source(source, name)
+        first = f"{named}:1"
+    else:
+        first = named = name or "the plan"
+        try:
+            content = msgspec.to_builtins(source, enc_hook=lambda array: array.tolist())
+        except (AttributeError, TypeError) as error:
+            raise PlanError(named, cause=f"it has a value that is none of JSON: {error}") from error
+    if not isinstance(content, dict):
+        raise PlanError(first, cause=f"it is {_kind(content)}; a plan is an object with the key `steps`")
+    try:
+        plan = msgspec.convert(content, Plan)
+    except msgspec.ValidationError as error:
+        cause, _, path = str(error).partition(" - at `$")
+        raise PlanError(_place(named, lines, _resolved(path.rstrip("`"), lines)), cause=cause) from error
+    return PlanFile(plan=plan, name=named, lines=lines)
+
+
+def _read_source(source: str | os.PathLike[str], name: str) -> tuple[str, Any, dict[str, int]]:
+    """What errors name, the content of a file or text, and the line of each path in it."""
     is_text = isinstance(source, str) and ("\n" in source or source.lstrip().startswith("{"))
     if is_text:
         text, named = str(source), name or "the plan"
@@ -94,19 +115,12 @@ def load_plan(source: str | os.PathLike[str], *, name: str = "") -> PlanFile:
             raise PlanError(named, cause=f"it is not UTF-8 text: {error.reason} at byte {error.start}") from error
     if len(text) > _MAX_SIZE:
         raise PlanError(named, cause=f"it has {len(text):,} characters; the limit is {_MAX_SIZE:,}")
-    content, lines = _read(text, named)
-    if not isinstance(content, dict):
-        raise PlanError(f"{named}:1", cause=f"it is {_kind(content)}; a plan is an object with the key `steps`")
-    try:
-        plan = msgspec.convert(content, Plan)
-    except msgspec.ValidationError as error:
-        cause, _, path = str(error).partition(" - at `$")
-        raise PlanError(_place(named, lines, _resolved(path.rstrip("`"), lines, content)), cause=cause) from error
-    return PlanFile(plan=plan, name=named, lines=lines)
+    return named, *_read(text, named)
 
 
-def dump_plan(plan: Plan, *, format: str = "yaml") -> str:
+def dump_plan(plan: PlanLike, *, format: str = "yaml") -> str:
     """Writes a plan as "yaml" or "json"; what has its default value is left out."""
+    plan = load_plan(plan).plan
     content = {"format_version": plan.format_version, **_without_defaults(plan)}
     if format == "json":
         return msgspec.json.format(msgspec.json.encode(content), indent=2).decode()
@@ -140,9 +154,9 @@ class PlanBuilder:
         return self.add(Place(thing=thing, on=on, into=into, **options))
 
     @checked
-    def move(self, thing: str, *, to: Pose | None = None, by: Point | None = None, **options: Deadline) -> Self:
+    def move(self, thing: str, *, to: PoseLike | None = None, by: Point | None = None, **options: Deadline) -> Self:
         """Adds a `Move`."""
-        return self.add(Move(thing=thing, to=to, by=by, **options))
+        return self.add(Move(thing=thing, to=None if to is None else as_pose(to, "to"), by=by, **options))
 
     @checked
     def pull(self, thing: str, *, target: Point, point: Point = (0.0, 0.0, 0.0), **options: Deadline) -> Self:
@@ -357,10 +371,10 @@ def _content(node: yaml.Node, path: str, name: str, lines: dict[str, int]) -> An
     return convert(node.value)
 
 
-def _resolved(path: str, lines: dict[str, int], content: Any) -> str:
+def _resolved(path: str, lines: dict[str, int]) -> str:
     """The path of a validation error without the leading dot; `[...]` stands for a key or an index of any value."""
     path = path.removeprefix(".").replace("[...]", "")
-    while path and path not in lines:
+    while lines and path and path not in lines:
         path = path.rpartition("." if path.rfind(".") > path.rfind("[") else "[")[0]
     return path
 

@@ -12,7 +12,7 @@ import msgspec
 
 from mindstage.access.limits import Deadline, PositiveDuration
 from mindstage.ranges import ForceVector, Fraction, NotNegative, Point, PositiveMass, check_fields
-from mindstage.scene import Mobility, Pose
+from mindstage.scene import Mobility, Pose, as_pose
 
 __all__ = [
     "Attach",
@@ -59,9 +59,15 @@ class Move(_Step, frozen=True, kw_only=True, tag="move"):
     """Sets the pose of a thing, at rest; what is attached to it moves along."""
 
     thing: str
-    to: Pose | None = None
+    to: Pose | list[float] | None = None
+    """In the world frame; as numbers x, y, z [m], without a rotation or with w, x, y, z: see `as_pose`."""
     by: Point | None = None
     """A displacement [m] instead of a pose; exactly one of `to` and `by`."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.to is not None:
+            msgspec.structs.force_setattr(self, "to", as_pose(self.to, "to"))
 
 
 class Pull(_Step, frozen=True, kw_only=True, tag="pull"):

@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -28,7 +27,7 @@ from mindstage.engines.base import PoseArray
 from mindstage.errors import ImaginationError, PlanError
 from mindstage.imagination.execution import is_uncertain, never, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, SampleRunner, WorkerPoolExecutor
-from mindstage.imagination.plan_files import PlanFile, load_plan
+from mindstage.imagination.plan_files import PlanLike, load_plan
 from mindstage.imagination.plans import Check, Plan, Uncertainty
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
@@ -235,7 +234,7 @@ class Verdict:
 @checked
 def imagine(
     simulation: Simulation,
-    plan: Plan | PlanFile | str | os.PathLike[str],
+    plan: PlanLike,
     *,
     check: Check | None = None,
     uncertainty: Iterable[Uncertainty] = (),
@@ -252,7 +251,7 @@ def imagine(
 
     Args:
         simulation: the simulation in whose current state each sample begins.
-        plan: the plan, or the path or text of one in JSON or YAML.
+        plan: the plan, a dict, or the path or text of one in JSON or YAML; see `load_plan`.
         check: a question at the end, instead of the plan's.
         uncertainty: added to the plan's, before which comes that of the maps (`stated_uncertainty`); what is stated
             later precedes.
@@ -271,13 +270,11 @@ def imagine(
         ImaginationError: the executor is not available, or its workers cannot be started.
     """
     deadline_s = time.monotonic() + budget_s
-    if isinstance(plan, str | os.PathLike):
-        plan = load_plan(plan)
-    file = plan if isinstance(plan, PlanFile) else None
-    given = plan.plan if isinstance(plan, PlanFile) else plan
+    file = load_plan(plan)
+    given = file.plan
     stated = stated_uncertainty(simulation)
     plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.uncertainty, *uncertainty))
-    validate_plan(plan, simulation, place=str if file is None else file.place)
+    validate_plan(msgspec.structs.replace(file, plan=plan), simulation)
     plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
     image = SimulationImage.capture(simulation)
     limit = samples if is_uncertain(plan) else 1
@@ -294,7 +291,7 @@ def imagine(
         if close is not None:
             close()
     except PlanError as error:  # a step that this executor cannot run
-        raise error if file is None else PlanError(file.place(error.place), cause=error.cause) from error
+        raise PlanError(file.place(error.place), cause=error.cause) from error
     finally:
         if is_own:
             executor.close()

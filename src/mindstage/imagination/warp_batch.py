@@ -33,7 +33,7 @@ _MAX_CONTACTS, _MAX_CONSTRAINTS = 20_000, 60_000
 """Limits of one world; a world with more is not simulated."""
 _MARGIN = 2
 """How many times the contacts at the start fit."""
-_MIN_CONTACTS, _MIN_CONSTRAINTS = 64, 64
+_MIN_CONTACT_COUNT, _MIN_CONSTRAINT_COUNT = 64, 64
 _SYNC_S = 0.1
 """The caller is asked at this interval whether to go on [s]."""
 _MAX_COORDINATE = 1e10
@@ -107,8 +107,8 @@ class BatchLimits:
         They are powers of two, since they are compiled into the kernels, which are kept for the next batch.
         """
         return cls(
-            contacts=_power_of_two(max(_MIN_CONTACTS, _MARGIN * int(compiled.data.ncon))),
-            constraints=_power_of_two(max(_MIN_CONSTRAINTS, _MARGIN * int(compiled.data.nefc))),
+            contacts=_power_of_two(max(_MIN_CONTACT_COUNT, _MARGIN * int(compiled.data.ncon))),
+            constraints=_power_of_two(max(_MIN_CONSTRAINT_COUNT, _MARGIN * int(compiled.data.nefc))),
         )
 
     def doubled(self, *, contacts: bool, constraints: bool) -> BatchLimits:
@@ -232,7 +232,6 @@ class WarpBatch:
         """Sets the forces on a world from now on.
 
         Args:
-            world: the world.
             wrenches: force [N] and torque about the center of mass [N m] by MuJoCo body, in the world frame.
         """
         if wrenches or self._forces[world].any():

@@ -20,7 +20,7 @@ from msgspec.structs import replace
 from mindstage.engines.base import Capability, Contact, DynamicsScale, Engine, PoseArray
 from mindstage.engines.mujoco import CompiledState, MujocoEngine, whole_steps
 from mindstage.errors import EngineError, ImaginationError, PlanError, SimulationDivergedError, WorldError
-from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, find_body, never, resume
+from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, never, resume
 from mindstage.imagination.executors import Job
 from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Move, Open, Perform, Place, Plan, PlanStep
 from mindstage.imagination.results import SampleResult
@@ -31,7 +31,7 @@ from mindstage.simulation import Simulation
 from mindstage.simulation.interaction import Perturbations, SpringPerturbation, spring_forces
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import StateSnapshot, find_body
 
 __all__ = ["WarpExecutor"]
 

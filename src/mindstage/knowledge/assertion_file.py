@@ -23,10 +23,9 @@ from mindstage.files import atomic_write, file_lock
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.names import PREFIXES
 from mindstage.knowledge.owl import node_label
-from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.store import term_from_node
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue
-from mindstage.rdf.graphs import RdfTerm
+from mindstage.rdf.graphs import RdfTerm, node_from_label
 from mindstage.scene import Iri
 
 __all__ = ["RUNTIME_GRAPH_IRI", "AssertionFile", "Triple", "TripleStoreView"]

@@ -32,14 +32,20 @@ from mindstage.errors import (
     SparqlTimeoutError,
 )
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH
-from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.sparql_worker import REPLY_LIMIT
 from mindstage.knowledge.store import OxigraphStore, check_text, solutions_table, triples_table
 from mindstage.knowledge.tell import RUNTIME_GRAPH
 from mindstage.maps.dialects.membership import inferred_membership
 from mindstage.maps.io.files import Source, SourceFile
 from mindstage.ranges import checked
-from mindstage.rdf.graphs import PREFIXES, ObjectNode, SparqlResult, SubjectNode, graph_from_quads
+from mindstage.rdf.graphs import (
+    PREFIXES,
+    ObjectNode,
+    SparqlResult,
+    SubjectNode,
+    graph_from_quads,
+    node_from_label,
+)
 from mindstage.rdf.vocabulary import (
     CHILD,
     DESCRIBED_IN_MAP,
@@ -62,7 +68,7 @@ __all__ = ["JSON_RESULTS", "N_TRIPLES", "HttpReply", "SparqlEndpoint", "SparqlEn
 JSON_RESULTS = "application/sparql-results+json"
 N_TRIPLES = "application/n-triples"
 
-_CHUNK_SIZE = 256 * 1024
+_CHUNK_BYTES = 256 * 1024
 _MAX_SHOWN = 300
 """The number of characters of a server's message that an error repeats."""
 
@@ -163,7 +169,7 @@ class SparqlEndpoint:
             _set_deadline(deadline, connection)
             response = connection.getresponse()
             kind = response.headers.get_content_type()
-            limit = REPLY_LIMIT if response.status < 300 else _CHUNK_SIZE
+            limit = REPLY_LIMIT if response.status < 300 else _CHUNK_BYTES
             body = _read(response, connection, deadline, limit)
         except TimeoutError as error:
             raise EndpointUnreachableError(
@@ -190,7 +196,7 @@ def _read(
     body = bytearray()
     while len(body) <= limit:
         _set_deadline(deadline, connection)
-        chunk = response.read1(_CHUNK_SIZE)
+        chunk = response.read1(_CHUNK_BYTES)
         if not chunk:
             break
         body += chunk

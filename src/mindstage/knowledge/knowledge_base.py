@@ -29,7 +29,6 @@ from mindstage.knowledge.owl import node_label
 from mindstage.knowledge.owl_rl import INFERRED_GRAPH, InferredTriples, materialize_owl_rl
 from mindstage.knowledge.questions import AnswerRow, Answers, Question, StateAccess, get_question
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.sources import SourceRegistry, StrPath
 from mindstage.knowledge.tell import RUNTIME_GRAPH, AssertableValue, AssertionStore
 from mindstage.maps.dialects.conventions import Assumption, AssumptionSink, UnitConventions
@@ -48,6 +47,7 @@ from mindstage.rdf.graphs import (
     TripleStore,
     gc_paused,
     local_name,
+    node_to_look_up,
 )
 from mindstage.rdf.taxonomy import ClassHierarchy
 from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
@@ -75,6 +75,8 @@ class _KnowledgeArchive(msgspec.Struct, frozen=True, kw_only=True):
     sources: bytes
     worlds: dict[Iri, World]
     """The worlds that were read."""
+    assumptions: tuple[Assumption, ...] = ()
+    """Those that were made of them."""
 
 
 class AnswerCache:
@@ -190,6 +192,7 @@ class KnowledgeBase:
             atexit.unregister(self._at_exit)
             self._at_exit = None
         self._registry.close()
+        self._drop_cached("_answer_cache")  # answers about classes refer to the knowledge base
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs for an equal knowledge base, which is kept in memory there.
@@ -211,13 +214,16 @@ class KnowledgeBase:
         self._episodes = ()
 
     def to_bytes(self) -> bytes:
-        """All sources, statements and worlds, from which `from_bytes` makes an equal knowledge base anywhere.
+        """All sources, statements, worlds and assumptions; `from_bytes` makes an equal knowledge base of them anywhere.
 
         Raises:
             InvalidArgumentError: there is a SPARQL endpoint.
         """
         with self.lock:
-            archive = _KnowledgeArchive(sources=self._registry.to_bytes(), worlds=dict(self._worlds))
+            assumptions = tuple(self._assumptions.values())
+            archive = _KnowledgeArchive(
+                sources=self._registry.to_bytes(), worlds=dict(self._worlds), assumptions=assumptions
+            )
         return msgspec.msgpack.encode(archive)
 
     @classmethod
@@ -232,6 +238,7 @@ class KnowledgeBase:
         knowledge._registry = SourceRegistry.from_bytes(archive.sources)
         knowledge._store = knowledge._registry.store
         knowledge._worlds = dict(archive.worlds)
+        knowledge._assumptions = {(each.map, each.topic): each for each in archive.assumptions}
         return knowledge
 
     def _save_index(self) -> None:
@@ -418,11 +425,7 @@ class KnowledgeBase:
 
     def stated_classes(self, individual: str) -> tuple[Iri, ...]:
         """The classes that an individual is stated to have, without those of OWL; empty for anything else."""
-        try:
-            node = node_from_label(Iri(individual)) if individual.startswith("_:") else ox.NamedNode(individual)
-        except ValueError:  # a path
-            return ()
-        quads = self._store.quads_for_pattern(node, ox.NamedNode(TYPE), None)
+        quads = self._store.quads_for_pattern(node_to_look_up(Iri(individual)), ox.NamedNode(TYPE), None)
         names = (Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode))
         return tuple(sorted({name for name in names if not name.startswith(OWL)}))
 
@@ -728,7 +731,7 @@ class KnowledgeBase:
             runtime_only: whether to give only what was asserted at run time.
         """
         graph = RUNTIME_GRAPH if runtime_only else None
-        quads = self._store.quads_for_pattern(node_from_label(individual), None, None, graph)
+        quads = self._store.quads_for_pattern(node_to_look_up(individual), None, None, graph)
         facts = {
             PropertyAssertion(Iri(quad.predicate.value), _value(quad.object))
             for quad in quads
@@ -740,7 +743,9 @@ class KnowledgeBase:
         self, *, property: Iri | None = None, runtime_only: bool = False
     ) -> tuple[tuple[Iri, PropertyAssertion], ...]:
         """All asserted statements with a property, or all that were asserted at run time, with their subjects."""
-        predicate = None if property is None else ox.NamedNode(property)
+        predicate = None if property is None else node_to_look_up(property)
+        if isinstance(predicate, ox.BlankNode):  # not an IRI
+            return ()
         quads = self._store.quads_for_pattern(None, predicate, None, RUNTIME_GRAPH if runtime_only else None)
         return tuple(
             (Iri(quad.subject.value), PropertyAssertion(Iri(quad.predicate.value), _value(quad.object)))

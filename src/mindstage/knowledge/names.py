@@ -38,9 +38,9 @@ _MAX_NAME = 80
 """The number of characters of a name that are compared with others."""
 _MAX_COMPARED = 20_000
 """The maximum number of names that are compared letter by letter; of more, those that begin alike."""
-_MAX_NAMED = 3
-_MIN_PLURAL = 4
-_MIN_GERUND = 5
+_SHOWN_NAMES = 3
+_MIN_PLURAL_CHARACTERS = 4
+_MIN_GERUND_CHARACTERS = 5
 _ARTICLES = frozenset(
     ("the", "a", "an", "any", "some", "all", "every", "each", "my", "our", "your", "this", "that", "these", "those")
 )
@@ -381,7 +381,7 @@ class NameIndex:
 
     @staticmethod
     def _all_of(name: str, cls: Iri, members: Sequence[Iri], quality: NameQuality) -> NamedThing:
-        shown = ", ".join(map(local_name, members[:_MAX_NAMED])) + (", …" if members[_MAX_NAMED:] else "")
+        shown = ", ".join(map(local_name, members[:_SHOWN_NAMES])) + (", …" if members[_SHOWN_NAMES:] else "")
         if len(members) == 1:
             note = "" if quality is NameQuality.EXACT else f"{name!r} is {shown}, the only {local_name(cls)}"
             return NamedThing(members[0], note=note, quality=quality)
@@ -521,9 +521,9 @@ def _singular(word: str) -> str:
     """The singular of an English noun by its ending; the same for both sides of a comparison, so it need not exist."""
     if word in _IRREGULAR_PLURALS:
         return _IRREGULAR_PLURALS[word]
-    if len(word) < _MIN_PLURAL or not word.endswith("s") or word.endswith(("ss", "us", "is")):
+    if len(word) < _MIN_PLURAL_CHARACTERS or not word.endswith("s") or word.endswith(("ss", "us", "is")):
         return word
-    if word.endswith("ies") and len(word) > _MIN_PLURAL:
+    if word.endswith("ies") and len(word) > _MIN_PLURAL_CHARACTERS:
         return word[:-3] + "y"
     return word[:-2] if word.endswith(("sses", "shes", "ches", "xes", "zes")) else word[:-1]
 
@@ -535,7 +535,7 @@ def _stem(words: Sequence[str]) -> str:
 
 @lru_cache(maxsize=8192)
 def _verb_stem(word: str) -> str:
-    stem = word.removesuffix("ing") if len(word) > _MIN_GERUND else word
+    stem = word.removesuffix("ing") if len(word) > _MIN_GERUND_CHARACTERS else word
     stem = stem[:-1] if stem != word and stem[-1:] == stem[-2:-1] else stem  # cutting
     return stem.removesuffix("e")
 

@@ -78,7 +78,6 @@ def ask_over_time(
 
     Args:
         kb: the knowledge base.
-        question: the question.
         args: its arguments.
         time: a time, an interval, or only an episode: then a question about the state is about its end.
         episodes: the episodes that may be asked about.

@@ -8,7 +8,7 @@ from enum import StrEnum
 import msgspec
 import pyoxigraph as ox
 
-from mindstage.rdf.graphs import QuadSource
+from mindstage.rdf.graphs import QuadSource, node_to_look_up
 from mindstage.rdf.vocabulary import HAS_VALUE, ON_PROPERTY, OWL, RDF
 from mindstage.scene import Iri, Literal
 
@@ -251,8 +251,7 @@ class ClassExpressionParser:
 
     def _statements_of(self, name: Iri) -> dict[str, list[object]]:
         if self._look_up is not None and name not in self._statements_by_node:
-            node = ox.BlankNode(name[2:]) if name.startswith("_:") else ox.NamedNode(name)
-            quads = self._look_up.quads_for_pattern(node, None, None)
+            quads = self._look_up.quads_for_pattern(node_to_look_up(name), None, None)
             self.add(quad for quad in quads if quad.predicate.value in _EXPRESSION_PROPERTY_SET)
         self._visited.add(name)
         return self._statements_by_node.get(name, {})

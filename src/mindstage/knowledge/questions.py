@@ -48,7 +48,6 @@ from typing import (
     get_type_hints,
     overload,
 )
-from weakref import ref
 
 import msgspec
 from msgspec import Meta
@@ -317,10 +316,9 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         Raises:
             AttributeError: as for `subject`.
         """
-        answers = self._origin()
-        kind = answers.question.columns[answers.subject_column] if answers.subject_column else None
-        if not isinstance(kind, EntityType):
-            raise AttributeError(f"an answer to {answers.question.name} has no subject: it holds no names")
+        kind = self._origin().subject_kind
+        if kind is None:
+            raise AttributeError(f"an answer to {self._origin().question.name} has no subject: it holds no names")
         return kind
 
     @property
@@ -346,6 +344,8 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
     def instances(self) -> tuple[Iri, ...]:
         """The IRIs of the individuals that the answer is about: `subject`, or all members of the class `subject`.
 
+        An answer about a class keeps the knowledge base in memory for this; one about an individual does not.
+
         Raises:
             AttributeError: as for `individual`.
         """
@@ -359,14 +359,36 @@ class AnswerRow(msgspec.Struct, frozen=True, kw_only=True, dict=True):
         fields = ((name, getattr(self, name)) for name in self.__struct_fields__)
         return f"{type(self).__name__}({', '.join(f'{name}={cell_text(value)}' for name, value in fields)})"
 
-    def _origin(self) -> Answers[Any]:
-        answers: Answers[Any] | None = self.__dict__.get("_answers")
-        if answers is None:
+    def _origin(self) -> _AnswerOrigin:
+        origin: _AnswerOrigin | None = self.__dict__.get("_shared_origin")
+        if origin is None:
             raise AttributeError(f"this {type(self).__name__} was not returned by a question")
-        return answers
+        return origin
 
 
 R = TypeVar("R", bound=AnswerRow)
+
+
+class _AnswerOrigin:
+    """What the rows of answers refer to; not `Answers`, so that no cycle waits for the garbage collector."""
+
+    __slots__ = ("_kb", "question", "subject_column", "subject_kind")
+
+    def __init__(self, question: Question[Any], subject_column: str | None, kb: QuestionContext | None) -> None:
+        self.question, self.subject_column = question, subject_column
+        kind = question.columns[subject_column] if subject_column is not None else None
+        self.subject_kind = kind if isinstance(kind, EntityType) else None
+        # Only rows about classes need their knowledge base, and keep it.
+        self._kb = kb if kind is EntityType.CLASS else None
+
+    def members(self, cls: Iri) -> tuple[Iri, ...]:
+        """The individuals of a class in all loaded maps."""
+        if self._kb is None:
+            raise AttributeError(f"answers to {self.question.name} were made without a knowledge base")
+        with self._kb.lock:
+            reasoner = self._kb.reasoner
+            found = (each for map in sorted(reasoner.members_by_map) for each in reasoner.members(cls, map))
+            return tuple(dict.fromkeys(found))
 
 
 class MissingKnowledge(msgspec.Struct, frozen=True):
@@ -404,24 +426,12 @@ class Answers(Sequence[R]):
         """How a sentence or a name was understood, if it was not given exactly."""
         self.missing = tuple(missing)
         self._rows = tuple(rows)
-        self._kb = None if kb is None else ref(kb)  # weak, since the knowledge base caches answers
-        for row in self._rows:
-            row.__dict__["_answers"] = self
-
-    @cached_property
-    def subject_column(self) -> str | None:
-        """The column that was asked for: an individual if there is one, else a class or property, else a map."""
         names = (EntityType.INDIVIDUAL,), (EntityType.CLASS, EntityType.PROPERTY), (EntityType.MAP,)
-        return next((column for kinds in names if (column := self.answer_column(*kinds))), None)
-
-    def members(self, cls: Iri) -> tuple[Iri, ...]:
-        """The individuals of a class in all loaded maps."""
-        kb = self._kb() if self._kb else None
-        if kb is None:
-            return ()
-        with kb.lock:
-            found = (each for map in sorted(kb.reasoner.members_by_map) for each in kb.reasoner.members(cls, map))
-            return tuple(dict.fromkeys(found))
+        self.subject_column = next((column for kinds in names if (column := self.answer_column(*kinds))), None)
+        """The column that was asked for: an individual if there is one, else a class or property, else a map."""
+        origin = _AnswerOrigin(question, self.subject_column, kb)
+        for row in self._rows:
+            row.__dict__["_shared_origin"] = origin
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """The rows as dicts of plain values (strings, numbers, lists): `pandas.DataFrame(answers.to_dicts())`."""

@@ -47,10 +47,9 @@ from mindstage.knowledge.reasoner_properties import (
     ObjectTriple,
     PropertyExpression,
     PropertyHierarchy,
-    node_from_label,
 )
 from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
-from mindstage.rdf.graphs import QuadSource
+from mindstage.rdf.graphs import QuadSource, node_to_look_up
 from mindstage.rdf.taxonomy import TransitiveClosure
 from mindstage.rdf.vocabulary import (
     CHILD,
@@ -297,7 +296,7 @@ class InstanceChecker:
         """Classes that were materialized, except those that follow from the others."""
         above = self._reasoner.classes.above
         implied = {cls for each in (*self._reasoner.types.get(individual, ()), *known) for cls in above(each)}
-        quads = self._inferred.quads_for_pattern(node_from_label(individual), ox.NamedNode(TYPE), None)
+        quads = self._inferred.quads_for_pattern(node_to_look_up(individual), ox.NamedNode(TYPE), None)
         names = {Iri(quad.object.value) for quad in quads if isinstance(quad.object, ox.NamedNode)}
         new = {name for name in names - implied if not name.startswith((OWL, RDFS, RDF))}
         most_specific = {cls for cls in new if not any(cls != other and cls in above(other) for other in new)}
@@ -331,10 +330,7 @@ class InstanceChecker:
     # -- domains and ranges --------------------------------------------------------------------------------------------
 
     def _domain_range_justifications(self, individual: Iri) -> Iterator[Justification]:
-        try:
-            node = node_from_label(individual)
-        except ValueError:  # not a valid IRI, as the id of a body may be: no statement is about it
-            return
+        node = node_to_look_up(individual)
         properties = self._reasoner.properties
         quads = [(quad, True) for quad in self._store.quads_for_pattern(node, None, None)]
         quads += [(quad, False) for quad in self._store.quads_for_pattern(None, None, node)]
@@ -661,7 +657,7 @@ class Reasoner:
 
     def expression(self, cls: Iri) -> Expression | None:
         """The class expression of a node, which may be a blank node `_:label`; None if it is none."""
-        return self.axioms.parser.parse(node_from_label(cls))
+        return self.axioms.parser.parse(node_to_look_up(cls))
 
     def restricted_classes(self) -> Iterable[Iri]:
         """The classes that have restrictions of their own."""

@@ -118,7 +118,6 @@ class ClassAxioms:
         """Adds axioms without the statements that they follow from; later, statements can be added but not removed.
 
         Args:
-            axioms: the axioms.
             parser: has the fillers and restricted properties of their statements.
             names: the names in their statements.
         """

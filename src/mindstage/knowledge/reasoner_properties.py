@@ -24,7 +24,7 @@ from mindstage.knowledge.owl import (
     node_label,
 )
 from mindstage.knowledge.owl_rl import InferredTriples
-from mindstage.rdf.graphs import QuadSource
+from mindstage.rdf.graphs import QuadSource, node_to_look_up
 from mindstage.rdf.taxonomy import TransitiveClosure
 from mindstage.rdf.vocabulary import OWL, RDFS, TYPE
 from mindstage.scene import Iri
@@ -37,7 +37,6 @@ __all__ = [
     "PropertyChain",
     "PropertyExpression",
     "PropertyHierarchy",
-    "node_from_label",
 ]
 
 
@@ -313,7 +312,7 @@ class PropertyHierarchy:
             yield NamedClass(name), path
         for iri, forward in self.used_expressions(property):
             for quad in (
-                self._store.quads_for_pattern(node_from_label(individual), iri, None) if forward != backwards else ()
+                self._store.quads_for_pattern(node_to_look_up(individual), iri, None) if forward != backwards else ()
             ):
                 if isinstance(value := self._parser.parse(quad.object), LiteralValue):
                     yield value, (ObjectTriple(individual, Iri(iri.value), Iri(value.literal.text)),)
@@ -398,7 +397,7 @@ def _asserted_steps(
     store: QuadSource | InferredTriples, property: ox.NamedNode, individual: Iri, *, forwards: bool
 ) -> Iterator[InferenceStep]:
     """The asserted values of a property, or the subjects that have the individual as value."""
-    node = node_from_label(individual)
+    node = node_to_look_up(individual)
     if forwards:
         for quad in store.quads_for_pattern(node, property, None):
             if name := node_label(quad.object):
@@ -419,8 +418,3 @@ def _named_conjuncts(expressions: Iterable[Expression]) -> list[Iri]:
             case IntersectionOf(members):
                 found.update(_named_conjuncts(members))
     return sorted(found)
-
-
-def node_from_label(name: Iri) -> ox.NamedNode | ox.BlankNode:
-    """The node of an IRI or of a blank node label (`_:label`)."""
-    return ox.BlankNode(name[2:]) if name.startswith("_:") else ox.NamedNode(name)

@@ -59,6 +59,7 @@ _MAX_EXPANSIONS = 256
 _LITERAL_WEIGHT = 2
 _MAX_CANDIDATES = 20
 _NEAREST = 3
+"""The number of unknown words, and of questions, for which something similar is shown."""
 _MAX_NEAREST_NAMES = 5
 
 FindBody = Callable[[str], Iri | None]

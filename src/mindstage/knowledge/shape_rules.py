@@ -38,7 +38,7 @@ from typing import NamedTuple, TypeVar
 import pyoxigraph as ox
 
 from mindstage.errors import InvalidColorError, TextureNotFoundError
-from mindstage.rdf.graphs import BUNDLED_GRAPHS, QuadSource, local_name
+from mindstage.rdf.graphs import BUNDLED_GRAPHS, QuadSource, local_name, node_to_look_up
 from mindstage.rdf.taxonomy import ClassHierarchy
 from mindstage.rdf.vocabulary import KNOWROB, LABEL, MS, RDFS, XSD, ms
 from mindstage.scene import Color, GeometrySource, Iri, LightType, PbrMaterial, Vector
@@ -169,7 +169,7 @@ def singular_forms(word: str) -> tuple[str, ...]:
 
 def stable_hash(text: str) -> int:
     """A hash of a text that is the same in every process."""
-    return int.from_bytes(blake2s(text.encode(), digest_size=4).digest(), "big")
+    return int.from_bytes(blake2s(text.encode(errors="surrogatepass"), digest_size=4).digest(), "big")
 
 
 T = TypeVar("T")
@@ -224,7 +224,7 @@ class ShapeAnnotations:
     def label_of(self, subjects: Iterable[Iri]) -> str:
         """The label of the first of these classes that has one, in lower case; English before other languages."""
         for subject in subjects:
-            labels = [quad.object for quad in self._quads(LABEL, ox.NamedNode(subject))]
+            labels = [quad.object for quad in self._quads(LABEL, node_to_look_up(subject))]
             literals = [label for label in labels if isinstance(label, ox.Literal)]
             if literals:
                 return min(literals, key=lambda each: (each.language != "en", each.value)).value.lower()
@@ -233,7 +233,7 @@ class ShapeAnnotations:
     def material_words(self, subject: Iri) -> Iterator[str]:
         """The words that refer to a material."""
         for property in (LABEL, _WORD):
-            for quad in self._quads(property, ox.NamedNode(subject)):
+            for quad in self._quads(property, node_to_look_up(subject)):
                 yield str(getattr(quad.object, "value", "")).lower()
 
     def all_words(self) -> Iterator[tuple[str, Iri]]:
@@ -288,7 +288,7 @@ class ShapeAnnotations:
             if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.Literal):
                 yield quad.object.value.lower(), Iri(quad.subject.value)
 
-    def _quads(self, property: Iri, subject: ox.NamedNode | None = None) -> Iterator[ox.Quad]:
+    def _quads(self, property: Iri, subject: ox.NamedNode | ox.BlankNode | None = None) -> Iterator[ox.Quad]:
         return self._store.quads_for_pattern(subject, ox.NamedNode(property), None)
 
 

@@ -71,7 +71,6 @@ def serve(store: ox.Store, connection: Connection, *, network: bool = True) -> N
     other sources.
 
     Args:
-        store: the store.
         connection: to the process that asks.
         network: whether this process may open connections and files; a store on disk needs files.
     """

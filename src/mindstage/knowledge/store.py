@@ -289,7 +289,6 @@ def fork_worker(store: ox.Store, *, network: bool = False) -> QueryWorker:
     """Starts a worker with a copy of a store in memory; the store must not be written meanwhile.
 
     Args:
-        store: the store.
         network: whether the worker may open connections, where the operating system can deny it.
     """
     from multiprocessing import Pipe
@@ -503,7 +502,6 @@ class OxigraphStore:
         graph is the union of all graphs but those that exist for this query only.
 
         Args:
-            query: the query.
             timeout_s: the time limit [s].
             allow_service: whether it may use other servers.
             prefixes: the prefixes that it need not declare.

@@ -36,7 +36,7 @@ from mindstage.scene import Iri
 __all__ = ["IndexBuilder", "IndexFile", "StoreIndex"]
 
 _INDEX, _STATE = "index.msgpack", "index.state"
-_DIGEST_SIZE = 16
+_DIGEST_BYTES = 16
 _VERSION = 1
 _INDEXED = CLASS_AXIOM_PROPERTIES | {TYPE, DESCRIBED_IN_MAP}
 _SCHEMA_NAMESPACES = (OWL, RDFS, RDF)
@@ -199,7 +199,6 @@ class IndexBuilder:
         Args:
             source: the name of the source.
             file: its text.
-            graph: its graph.
         """
         self._pending.append(self._thread.submit(self._add, source, file, graph))
         return self._pending[-1]
@@ -312,8 +311,8 @@ class IndexFile:
         except OSError as error:
             self.problem = f"it cannot be read: {error.strerror}"
             return None
-        digest, encoded = data[:_DIGEST_SIZE], data[_DIGEST_SIZE:]
-        if blake2b(encoded, digest_size=_DIGEST_SIZE).digest() != digest:
+        digest, encoded = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
+        if blake2b(encoded, digest_size=_DIGEST_BYTES).digest() != digest:
             self.problem = "it is damaged"
             return None
         try:
@@ -345,7 +344,7 @@ class IndexFile:
         with gc_paused():
             index = _snapshot(reasoner, names, state=state, maps_by_source=maps_by_source)
             encoded = msgspec.msgpack.encode(index)
-        digest = blake2b(encoded, digest_size=_DIGEST_SIZE).digest()
+        digest = blake2b(encoded, digest_size=_DIGEST_BYTES).digest()
         atomic_write(self._folder / _INDEX, digest + encoded)
         self.is_current, self._has_new_state, self.problem, self._is_foreign = True, False, "", False
 

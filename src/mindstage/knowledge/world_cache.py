@@ -24,7 +24,7 @@ from mindstage.scene import Iri, World
 __all__ = ["WorldCache", "WorldReading"]
 
 _SUFFIX = ".world"
-_DIGEST_SIZE = 16
+_DIGEST_BYTES = 16
 _MAX_BYTES = 64 << 20
 """Total size from which the least recently used entries are deleted."""
 _BLANK_NODE = b"_:"
@@ -57,7 +57,6 @@ class WorldCache:
         """The entry of a map; None if there is none.
 
         Args:
-            map: the map.
             sources: a digest of everything that it was read from.
         """
         path = self._path(map, sources)
@@ -65,8 +64,8 @@ class WorldCache:
             data = path.read_bytes()
         except OSError:
             return None
-        digest, encoded = data[:_DIGEST_SIZE], data[_DIGEST_SIZE:]
-        if blake2b(encoded, digest_size=_DIGEST_SIZE).digest() != digest:
+        digest, encoded = data[:_DIGEST_BYTES], data[_DIGEST_BYTES:]
+        if blake2b(encoded, digest_size=_DIGEST_BYTES).digest() != digest:
             return None
         try:
             with gc_paused():
@@ -88,14 +87,14 @@ class WorldCache:
             return False
         path = self._path(map, sources)
         try:
-            atomic_write(path, blake2b(encoded, digest_size=_DIGEST_SIZE).digest() + encoded)
+            atomic_write(path, blake2b(encoded, digest_size=_DIGEST_BYTES).digest() + encoded)
         except OSError:
             return False
         self._delete_oldest(path)
         return True
 
     def _path(self, map: Iri, sources: bytes) -> Path:
-        key = blake2b(msgspec.msgpack.encode((_program(), map, sources)), digest_size=_DIGEST_SIZE)
+        key = blake2b(msgspec.msgpack.encode((_program(), map, sources)), digest_size=_DIGEST_BYTES)
         return self._folder / f"{key.hexdigest()}{_SUFFIX}"
 
     def _delete_oldest(self, newest: Path) -> None:

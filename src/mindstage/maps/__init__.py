@@ -3,8 +3,9 @@
 A module is imported when one of its names is first used: reading a map needs no writer of maps.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.maps.dialects.conventions import (
@@ -57,11 +58,4 @@ _MODULES = {
 }
 
 
-def __getattr__(name: str) -> object:
-    if name in _MODULES:
-        return getattr(import_module(_MODULES[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

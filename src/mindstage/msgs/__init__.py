@@ -104,3 +104,5 @@ __all__ = [
     "visualization_msgs",
     "world_control_msgs",
 ]
+
+__dir__ = __all__.copy

@@ -4,3 +4,5 @@ from mindstage.prolog.console import PrologConsole, Solution, Solutions, solve_q
 from mindstage.prolog.swipl import is_installed, load_library
 
 __all__ = ["PrologConsole", "Solution", "Solutions", "is_installed", "load_library", "solve_query"]
+
+__dir__ = __all__.copy

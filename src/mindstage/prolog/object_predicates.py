@@ -63,6 +63,7 @@ _CENTER_M = 0.20
 _CONTAINMENT_M = 0.05
 """The tolerances of KnowRob's comp_spatial.pl (M. Tenorth, L. Kunze, 2009-13) [m]."""
 _VERTICAL = 1e-9
+"""A direction with a smaller component is parallel to a plane; a fraction of its length."""
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|[0-9]+")
 
 _JOINT_NUMBERS = 28

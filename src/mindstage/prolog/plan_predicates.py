@@ -58,11 +58,7 @@ class PlanPredicates:
         """
         arguments = trial_options(options, "try_in_simulation")
         with physical_simulation(self._simulation) as simulation:
-            file = plan_from_term(plan)
-            if isinstance(file, PlanFile):
-                file.validate(simulation)
-            tried = file.plan if isinstance(file, PlanFile) else file
-            verdict = imagine(simulation, tried, **arguments)
+            verdict = imagine(simulation, plan_from_term(plan), **arguments)
         probability = Atom("unknown") if verdict.probability is None else verdict.probability
         return Compound("verdict", (Atom(verdict.outcome.value), probability, verdict.samples, Atom(str(verdict))))
 

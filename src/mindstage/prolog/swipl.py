@@ -262,7 +262,6 @@ def read_term(library: SwiProlog, term: int, *, limit: ReadLimit | None = None, 
     """Converts a term to a value; terms of other types (streams, dicts) become the text that Prolog prints for them.
 
     Args:
-        library: SWI-Prolog.
         term: the handle of the term.
         limit: the limit of its size and of the time.
         depth: the number of terms around it.

@@ -3,3 +3,5 @@
 from mindstage.rdf.graphs import Finding, RdfTerm, Severity, SparqlResult
 
 __all__ = ["Finding", "RdfTerm", "Severity", "SparqlResult"]
+
+__dir__ = __all__.copy

@@ -51,6 +51,8 @@ __all__ = [
     "local_name",
     "merge_graphs",
     "namespace_of",
+    "node_from_label",
+    "node_to_look_up",
     "part_name",
     "read_named_graph",
     "remove_forbidden_characters",
@@ -341,7 +343,6 @@ class TripleStore(QuadSource, Protocol):
         """Evaluates a SPARQL query, and stops it at the time limit.
 
         Args:
-            query: the query.
             timeout_s: the time limit [s].
             allow_service: whether it may use other servers.
             prefixes: the prefixes that it need not declare.
@@ -437,6 +438,23 @@ def merge_graphs(graphs: Sequence[Graph]) -> Graph:
         for subject, facts in graph.items():
             merged.setdefault(subject, {}).update(dict.fromkeys(facts))
     return {subject: list(facts) for subject, facts in merged.items()}
+
+
+def node_from_label(name: Iri) -> ox.NamedNode | ox.BlankNode:
+    """The node of an IRI or of a blank node label (`_:label`).
+
+    Raises:
+        ValueError: it is not a valid one.
+    """
+    return ox.BlankNode(name[2:]) if name.startswith("_:") else ox.NamedNode(name)
+
+
+def node_to_look_up(name: Iri) -> ox.NamedNode | ox.BlankNode:
+    """The same; a node of no statement for a text that is not a valid IRI, as the class or id of a body may be."""
+    try:
+        return node_from_label(name)
+    except ValueError:
+        return ox.BlankNode()
 
 
 class _BlankNodeLabels:

@@ -33,7 +33,7 @@ _FONT_PX = 13
 _PADDING_PX = (5, 2)
 _LABEL_SHIFTS = (0, 1, -1, 2, -2, 3, -3)
 """Where a label is tried, in heights of a label above its point."""
-_OCCLUSION_MARGIN = 0.05
+_OCCLUSION_MARGIN_FRACTION = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -153,7 +153,7 @@ def _visible_labels(
     for label, (x, y, distance) in zip(labels, places.tolist(), strict=True):
         if distance <= 0 or not (0 <= x < view.width and 0 <= y < view.height):
             continue
-        reach = label.radius * (1 + _OCCLUSION_MARGIN) + 0.02
+        reach = label.radius * (1 + _OCCLUSION_MARGIN_FRACTION) + 0.02
         if float(depth[int(y), int(x)]) < distance - reach:
             continue
         found.append((distance, label, x, y))

@@ -300,7 +300,6 @@ def find_outlines(
     """Finds the bodies that are drawn as outlines because they enclose the scene.
 
     Args:
-        world: the world.
         geometry: the geometry of the bodies.
         enclosing: bodies that the engine reported as enclosures.
     """

@@ -52,8 +52,8 @@ _DIAGONAL_BONUS = 0.2
 """Bonus of a direction diagonal to the walls over one perpendicular to a wall."""
 _MAX_SAMPLED_BODIES = 160
 """Number of bodies, sampled evenly, whose visibility is computed."""
-_MARGIN = 1.12
-_SHIFTED_MARGIN = 1.15
+_MARGIN_FACTOR = 1.12
+_SHIFTED_MARGIN_FACTOR = 1.15
 _MAX_OCCLUDERS = 200
 """Number of the largest bodies that count as occluders."""
 _MIN_DISTANCE_M = 0.4
@@ -90,7 +90,6 @@ class ViewFrame:
         """Computes the axes of the camera.
 
         Args:
-            camera: the camera.
             size: width and height of the picture [px].
         """
         self.width, self.height = size
@@ -360,7 +359,7 @@ def _fit_camera(points: Array, direction: Array, aspect: float) -> CameraPose:
     up = np.cross(direction, right)
     # Coordinates of the points to the right, up and towards the camera.
     local = (points - points[0]) @ np.stack([right, up, direction], axis=1)
-    tangents = np.tan(_FIELD_OF_VIEW_RAD / 2) * np.array([aspect, 1.0]) / _MARGIN
+    tangents = np.tan(_FIELD_OF_VIEW_RAD / 2) * np.array([aspect, 1.0]) / _MARGIN_FACTOR
     # The planes of the frustum touch the outermost points; opposite planes intersect at the camera.
     most = np.max(local[:, :2] + local[:, 2:] * tangents, axis=0)
     least = np.min(local[:, :2] - local[:, 2:] * tangents, axis=0)
@@ -383,7 +382,7 @@ def _fit_shifted_camera(points: Array, azimuth: float, aspect: float) -> CameraP
     right = np.array([-toward[1], toward[0], 0.0])
     away = _view_direction(azimuth, float(_UPRIGHT_LENS_ELEVATION_RAD))
     half = float(np.tan(_FIELD_OF_VIEW_RAD / 2))
-    limits = half * np.array([aspect, 1.0]) / _SHIFTED_MARGIN
+    limits = half * np.array([aspect, 1.0]) / _SHIFTED_MARGIN_FACTOR
 
     def extents(distance: float, aside: float) -> tuple[Array, Array, float]:
         local = points - (center + distance * away + aside * right)

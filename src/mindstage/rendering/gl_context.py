@@ -18,6 +18,7 @@ __all__ = ["OffscreenContext", "OpenGL"]
 
 _EGL_PLATFORM_SURFACELESS, _EGL_PLATFORM_DEVICE = 0x31DD, 0x313F
 _EGL_OPENGL_API = 0x30A2
+"""These are codes of EGL."""
 _EGL_ATTRIBUTES = (
     *(0x3024, 8, 0x3023, 8, 0x3022, 8, 0x3021, 8),  # red, green, blue and alpha
     *(0x3025, 24, 0x3026, 8),  # depth and stencil
@@ -26,7 +27,8 @@ _EGL_ATTRIBUTES = (
     0x3038,
 )
 _GL_RGBA, _GL_UNSIGNED_BYTE = 0x1908, 0x1401
-_REMEDY = "install libegl1 and libgl1-mesa-dri (Debian, Ubuntu; or libosmesa6), or render in a browser with --page"
+"""These are codes of OpenGL."""
+_REMEDY = "install libegl1 and libgl1-mesa-dri (Debian, Ubuntu; or libosmesa6)"
 
 
 class OffscreenContext:

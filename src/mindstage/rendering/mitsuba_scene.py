@@ -40,7 +40,7 @@ _EMISSION_CD_M2 = 4000.0
 _LAMP_MARGIN_M = 0.06
 _GROUND_GAP_M = 0.004
 _GROUND_COLOR: Color = (0.72, 0.71, 0.69)
-_SKY_SIZE = (512, 256)
+_SKY_SIZE_PX = (512, 256)
 _SUN_LX = 30_000.0
 _MIN_SUN_LX = 1000.0
 """A directional light of the map below it has no physical intensity; its direction and color are used."""
@@ -50,13 +50,16 @@ _PROBES = 400
 _CLOSED_PART = 0.004
 """A camera that sees less than this part of the sky is in a closed room."""
 _MAX_GLASS = 6
+"""Largest number of panes that light passes."""
 _SECTION_REFLECTANCE = 0.03
 """Of the inner side of what a section cuts open."""
 _VERTICAL = 1e-6
+"""A direction with smaller horizontal components is vertical; a fraction of the vertical one."""
 _COINCIDENT_M = 1e-4
 """Nearer surfaces of two bodies coincide, and would be drawn as a mixture of both."""
 _INSET_M = 1.5e-4
 _MAX_INSETS = 6
+"""Largest number of times that a surface is inset."""
 _LEAST_OVERLAP_M = 1e-3
 NORMAL_SCALE = 0.49
 """Factor of the normals that the scene of normals shows."""
@@ -95,7 +98,7 @@ class Sky:
 
     def image(self) -> NDArray[np.float32]:
         """The radiance by direction [cd/m²], h x w x 3: rows from the zenith down, columns about z from +x."""
-        width, height = _SKY_SIZE
+        width, height = _SKY_SIZE_PX
         elevation = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
         azimuth = (np.arange(width) + 0.5) * 2 * np.pi / width
         up = np.clip(np.sin(elevation), 0.0, 1.0)[:, None, None]

@@ -52,8 +52,9 @@ _KEY = 0.34
 """The value that the log-average luminance is exposed to."""
 _WHITE = 1.7
 """The exposed luminance that is nearly white (an sRGB value of 235)."""
-_MAX_RAISE = 1.5
+_MAX_RAISE_FACTOR = 1.5
 _CONTRAST, _SHOULDER = 1.35, 0.62
+"""Exponent and offset of the tone curve; dimensionless."""
 _OUTLINE_PX = 3
 """Width of the outline of highlighted bodies in a picture of 800 lines."""
 _SUN_FROM_CAMERA_RAD = 1.0
@@ -188,7 +189,7 @@ def automatic_exposure(radiance: Array | NDArray[np.float32]) -> float:
     low, high = np.quantile(values, (0.03, 0.97))
     middle = values[(values >= low) & (values <= high)]
     factor = _KEY / np.exp(np.log(middle).mean())
-    return float(factor * np.clip(_WHITE / (factor * high), 1.0, _MAX_RAISE))
+    return float(factor * np.clip(_WHITE / (factor * high), 1.0, _MAX_RAISE_FACTOR))
 
 
 def tone_mapped(exposed: Array | NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -49,7 +49,7 @@ _GROUND_RADII = 12.0
 """Half the side of the ground, in radii of the scene."""
 _GROUND_GAP_M = 1e-3
 _GROUND_MATERIAL = PbrMaterial(name="ground", color=(0.80, 0.80, 0.79), roughness=0.9)
-_OPAQUE = 0.995
+_OPAQUE_SHARE = 0.995
 _TEXTURE_PX = 1024
 """Longest side of images."""
 _TEXELS_PER_PIXEL = 1.0
@@ -62,11 +62,7 @@ _SUN_ELEVATION_RAD = np.radians(52.0)
 
 
 def sun_direction(camera: CameraPose) -> Array:
-    """The unit vector to the sun: behind the camera and beside it, so that it shines into the room.
-
-    Args:
-        camera: the camera.
-    """
+    """The unit vector to the sun: behind the camera and beside it, so that it shines into the room."""
     away = np.subtract(camera.position, camera.look_at)
     azimuth = float(np.arctan2(away[1], away[0])) + _SUN_AZIMUTH_RAD
     flat = np.cos(_SUN_ELEVATION_RAD)
@@ -209,7 +205,7 @@ class _SceneMeshes:
                 if image is not None:
                     self.images[texture] = image
                 has_holes = image is not None and image.shape[2] == 4 and bool((image[..., 3] < 255).any())
-                is_opaque = visual.material.opacity >= _OPAQUE and not has_holes
+                is_opaque = visual.material.opacity >= _OPAQUE_SHARE and not has_holes
                 key = texture, item.casts_shadow and is_opaque, is_opaque
                 groups.setdefault(key, []).append(_in_world(visual, rotation, pose[:3], number))
         yield from ((key, parts) for key, parts in groups.items() if key[2])
@@ -301,6 +297,7 @@ _DEPTH_TEST, _BLEND, _POLYGON_OFFSET, _LESS_EQUAL = 0x0B71, 0x0BE2, 0x8037, 0x02
 _ONE, _ONE_MINUS_ALPHA, _TRIANGLES = 1, 0x0303, 0x0004
 _FRAGMENT_SHADER, _VERTEX_SHADER, _COMPILED, _LINKED = 0x8B30, 0x8B31, 0x8B81, 0x8B82
 _MAX_SAMPLES, _UNPACK_ALIGNMENT = 0x8D57, 0x0CF5
+"""These are codes of OpenGL."""
 
 
 class _Program:

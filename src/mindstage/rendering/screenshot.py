@@ -1,4 +1,4 @@
-"""What a picture shows: camera, clipping plane, selection and labels; the same for the page and for renderers."""
+"""What a picture shows: camera, clipping plane, selection and labels."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from mindstage.access.limits import Deadline
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError
 from mindstage.ranges import Coordinate, Point, check_fields
 from mindstage.rdf.graphs import local_name
@@ -23,7 +22,7 @@ __all__ = ["DEFAULT_CAMERA", "LabelMode", "Screenshot", "label_texts", "placed_c
 
 
 _Side = Annotated[int, Meta(ge=1, le=8192)]
-"""Maximum width and height that browsers can render."""
+"""Width or height [px]; OpenGL renders no more."""
 DEFAULT_CAMERA = CameraPose((2.5, -2.5, 2.0), (0.0, 0.0, 0.5), 0.63)
 """The camera for an empty scene."""
 _MIN_HORIZONTAL_M = 1e-3
@@ -46,7 +45,7 @@ class LabelMode(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screenshot:
-    """What a screenshot shows, and how it is taken."""
+    """What a picture shows."""
 
     size: tuple[_Side, _Side] = (1280, 800)
     """Width and height [px]."""
@@ -63,16 +62,8 @@ class Screenshot:
     clip_height: Coordinate | None = None
     """Height of the clipping plane: nothing above it is drawn [m]."""
     selected: BodyId | None = None
-    """The selected body, whose details are in the panel."""
+    """The selected body, which is outlined."""
     labels: LabelMode = LabelMode.NONE
-    with_panels: bool = False
-    """Whether the picture shows the whole page, or the 3D view alone."""
-    panel: str = ""
-    """The panel to open, such as "ask"; by default the one that is open initially."""
-    browser: str | None = None
-    """The browser for pictures of the page, by default one that is found."""
-    timeout_s: Deadline = 180.0
-    """Time limit of everything; large worlds are rendered slowly without a GPU [s]."""
 
     @property
     def aspect(self) -> float:
@@ -80,7 +71,7 @@ class Screenshot:
         return self.size[0] / self.size[1]
 
     def __post_init__(self) -> None:
-        """Checks size, view and panel.
+        """Checks size and view.
 
         Raises:
             InvalidArgumentError: one of them is invalid.
@@ -89,10 +80,6 @@ class Screenshot:
         if self.position is not None and self.position == self.look_at:
             raise InvalidArgumentError(
                 "a picture's view", cause="position and look_at are equal", remedy="give two different points"
-            )
-        if self.panel and not self.with_panels:
-            raise InvalidArgumentError(
-                self.panel, cause="there are no panels in the picture", remedy="show the whole page"
             )
 
 
@@ -161,7 +148,6 @@ def label_texts(
 
     Args:
         screenshot: which bodies are labeled.
-        world: the world.
         appearances: how its bodies are drawn.
     """
     texts = {

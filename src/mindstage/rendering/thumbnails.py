@@ -18,9 +18,9 @@ __all__ = ["render_thumbnail"]
 _EYE = np.array([1.0, -0.75, 0.62])
 """The direction to the camera, from the front and above; fronts of furniture face +x."""
 _LIGHT = np.array([0.55, -0.75, 1.1])
-_AMBIENT = 0.5
-_OVERSAMPLING = 3
-_MARGIN = 0.06
+_AMBIENT_SHARE = 0.5
+_OVERSAMPLING_FACTOR = 3
+_MARGIN_FRACTION = 0.06
 
 
 def render_thumbnail(body: Body, geometry: BodyGeometry | None, rule: ShapeRule, *, size: int = 96) -> bytes:
@@ -41,7 +41,7 @@ def render_thumbnail(body: Body, geometry: BodyGeometry | None, rule: ShapeRule,
     world = World(iri=body.iri, bodies=(body,))
     appearance = compute_appearance(world, lambda _: rule, geometry=known)[body.id]
     visuals = appearance.whole_visuals or appearance.visuals
-    pixels = _rasterize(visuals, size * _OVERSAMPLING)
+    pixels = _rasterize(visuals, size * _OVERSAMPLING_FACTOR)
     picture = Image.fromarray(pixels, "RGBA").resize((size, size), Image.Resampling.BOX)
     file = io.BytesIO()
     picture.save(file, "PNG", optimize=True)
@@ -60,7 +60,7 @@ def _rasterize(visuals: tuple[VisualMesh, ...], size: int) -> NDArray[np.uint8]:
         return pixels
     points = np.concatenate([at for at, _ in meshes])
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    scale = size * (1.0 - 2 * _MARGIN) / max(float((high - low).max()), 1e-6)
+    scale = size * (1.0 - 2 * _MARGIN_FRACTION) / max(float((high - low).max()), 1e-6)
     depth = np.full((size, size), -np.inf)
     light = _LIGHT / np.linalg.norm(_LIGHT)
     # Transparent parts last, so that what is behind them is seen.
@@ -70,7 +70,7 @@ def _rasterize(visuals: tuple[VisualMesh, ...], size: int) -> NDArray[np.uint8]:
         screen[:, 1] = size - screen[:, 1]
         normals = face_cross_products(visual.points, visual.faces)
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
-        bright = _AMBIENT + (1.0 - _AMBIENT) * np.maximum(normals @ light, 0.0)
+        bright = _AMBIENT_SHARE + (1.0 - _AMBIENT_SHARE) * np.maximum(normals @ light, 0.0)
         colors = np.clip(np.array(visual.material.color) * bright[:, None] * 1.08, 0.0, 1.0) * 255
         facing = normals @ back > 0.0
         opacity = max(visual.material.opacity, 0.35)

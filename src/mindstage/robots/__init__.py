@@ -1,25 +1,61 @@
-"""Robots: their models, controllers, motion planning and skills."""
+"""Robots: their models, controllers, motion planning and skills.
+
+A module is imported when one of its names is first used: reading the state of a robot needs no motion planning.
+"""
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 
 from mindstage.errors import RobotNotFoundError
+from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from mindstage.robots.base_placement import BasePlacement, find_base_poses
+    from mindstage.robots.kinematics import IkResult, RobotKinematics
     from mindstage.robots.models.model import RobotModel
-    from mindstage.robots.robot import JointState, Odometry, Robot, add_robot
+    from mindstage.robots.navigation import plan_base
+    from mindstage.robots.planning import plan_arm, plan_line, plan_path
+    from mindstage.robots.robot import Robot, add_robot
+    from mindstage.robots.self_models import add_self_model, read_self_model
+    from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 
 __all__ = [
+    "BasePlacement",
     "HasRobots",
-    "JointState",
-    "Odometry",
+    "IkResult",
+    "JointTrajectory",
     "Robot",
+    "RobotKinematics",
     "RobotModel",
+    "TrajectoryPoint",
     "add_robot",
+    "add_self_model",
+    "find_base_poses",
     "find_robot",
+    "plan_arm",
+    "plan_base",
+    "plan_line",
+    "plan_path",
+    "read_self_model",
     "robots_of",
 ]
+
+_NAMES_BY_MODULE = {
+    "base_placement": ("BasePlacement", "find_base_poses"),
+    "kinematics": ("IkResult", "RobotKinematics"),
+    "models.model": ("RobotModel",),
+    "navigation": ("plan_base",),
+    "planning": ("plan_arm", "plan_line", "plan_path"),
+    "robot": ("Robot", "add_robot"),
+    "self_models": ("add_self_model", "read_self_model"),
+    "trajectories": ("JointTrajectory", "TrajectoryPoint"),
+}
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {name: f"{__name__}.{module}" for module, names in _NAMES_BY_MODULE.items() for name in names},
+    packages=["models"],
+)
 
 
 class HasRobots(Protocol):
@@ -48,11 +84,3 @@ def find_robot(simulation: HasRobots, name: str = "") -> "Robot":
         known = f"there is {', '.join(robots)}" if robots else "add one with `add_robot`"
         raise RobotNotFoundError(name, remedy=known if name or not robots else f"give a name: {known}")
     return robots[name]
-
-
-def __getattr__(name: str) -> object:
-    if name == "RobotModel":
-        return import_module("mindstage.robots.models.model").RobotModel
-    if name in __all__:
-        return getattr(import_module("mindstage.robots.robot"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -58,7 +58,7 @@ _ON_CAPABILITY, _ON_COMPONENT = capability_class("dependsOnCapability"), compone
 _SUB_ACTION, _SKILL = knowrob("subAction"), ms("skill")
 _ACTION = knowrob("Action")
 _NO_ACTIONS = frozenset({capability_class("Capability"), component_class("Component")})
-_MAX_NAMED = 5
+_SHOWN_NAMES = 5
 
 
 class RequirementKind(StrEnum):
@@ -415,7 +415,7 @@ def _no_robot() -> MissingKnowledge:
 
 def _unstated(rules: _Rules, action: Iri) -> MissingKnowledge:
     """The missing statement about what an action needs, with subclasses that state it."""
-    narrower = [each for each in rules.known_actions() if action in rules.above(each)][:_MAX_NAMED]
+    narrower = [each for each in rules.known_actions() if action in rules.above(each)][:_SHOWN_NAMES]
     hint = f"; ask about {', '.join(map(local_name, narrower))}" if narrower else ""
     reason = f"nothing states what {local_name(action)} needs of a robot{hint}"
     absent = (
@@ -479,7 +479,7 @@ def _explain_lack(kb: QuestionContext, row: LackRow) -> Iterator[str]:
     if row.needed_by != row.action:
         yield f"{local_name(row.action)} needs what {local_name(row.needed_by)} needs"
     yield f"{local_name(row.needed_by)} depends on the {row.kind} {local_name(row.missing)}"
-    narrower = list(rules.classes.children(row.missing))[:_MAX_NAMED]
+    narrower = list(rules.classes.children(row.missing))[:_SHOWN_NAMES]
     kinds = f", nor a {' or '.join(map(local_name, narrower))}" if narrower else ""
     yield f"{row.source} states no {local_name(row.missing)}{kinds}"
 

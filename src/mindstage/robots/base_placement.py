@@ -7,7 +7,7 @@ and collisions of the whole robot in the positions found, and with the arm at re
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from math import atan2, ceil, cos, hypot, inf, pi, sin
 from typing import NamedTuple
 
@@ -22,13 +22,13 @@ from mindstage.robots.models.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
 from mindstage.robots.search_limits import CPU_S, SearchLimit
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 
 __all__ = ["BasePlacement", "find_base_poses", "reachable_region"]
 
 _DISTANCE_STEP_M = 0.1
-_BEARINGS = 16
+_BEARING_COUNT = 16
 _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 """Headings relative to that towards the targets, the preferred first."""
 _IK_ATTEMPTS = 4
@@ -71,19 +71,17 @@ class _Placing:
         self,
         robot: MotionRobot,
         arm: Arm | str,
-        targets: Sequence[Pose | Array],
+        targets: Iterable[PoseLike],
         *,
         free: str,
         ignore: Collection[BodyId],
         touch: Collection[BodyId],
         clearance_m: float,
     ) -> None:
-        if not targets:
-            raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
         self.robot, self.arm, self.free = robot, find_arm(robot, arm), free
-        self.targets = np.array(
-            [normalized_pose_array(each) if isinstance(each, Pose) else each for each in targets], dtype=float
-        )
+        self.targets = np.array([normalized_pose_array(each) for each in targets])
+        if not len(self.targets):
+            raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
         self.kinematics = RobotKinematics(robot.model)
         self.frame = self.kinematics.frame_of(self.arm)
         self.positions = robot.joint_positions()
@@ -136,8 +134,8 @@ class _Placing:
         order = sorted(distances, key=lambda each: abs(each - 0.6 * reach_m))
         found: list[tuple[float, tuple[float, float, float], float]] = []
         for ring, distance in enumerate(order):
-            for number in range(_BEARINGS):
-                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARINGS
+            for number in range(_BEARING_COUNT):
+                bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARING_COUNT
                 px, py = float(middle[0] + distance * cos(bearing)), float(middle[1] + distance * sin(bearing))
                 length = self.floor.length_to(px, py)
                 if length is None:
@@ -234,7 +232,7 @@ class _Placing:
 def find_base_poses(
     robot: MotionRobot,
     arm: Arm | str,
-    targets: Sequence[Pose | Array],
+    targets: Iterable[PoseLike],
     *,
     free: str = "",
     ignore: Collection[BodyId] = (),
@@ -248,7 +246,6 @@ def find_base_poses(
     """Finds places of the base from which an arm reaches all of some poses, the best first.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         targets: poses of the grasp frame of the gripper (of the last link of an arm without one) in the world frame.
         free: the axes of the grasp frame about which it may turn; see `RobotKinematics.solve_ik`.
@@ -301,7 +298,6 @@ def reachable_region(
     """The points of a horizontal grid that the gripper of an arm reaches from where the robot stands.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         height_m: height of the grid in the world frame [m].
         step_m: distance of two points [m].

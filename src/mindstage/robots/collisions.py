@@ -18,7 +18,7 @@ from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.models.model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
-from mindstage.scene import BodyId, Vector
+from mindstage.scene import BodyId, PoseLike, Vector
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
@@ -104,8 +104,6 @@ def _carried_by(
     """What lies in or on a body, and moves with it: what touches it, or what does, and is within its extents.
 
     Args:
-        holder: the body.
-        engine: the engine.
         size: its extents; None if they are unknown.
         excluded: other bodies.
     """
@@ -178,7 +176,6 @@ class CollisionChecker:
         """Copies the present state of the world.
 
         Args:
-            robot: the robot.
             joints: the joints that states have values for, in this order; None for all that have drives.
             base_moves: whether the base is moved, too.
             ignore: bodies that are no obstacles.
@@ -386,8 +383,6 @@ class HandChecker:
         """Copies the present state of the world.
 
         Args:
-            robot: the robot.
-            gripper: its gripper.
             touch: bodies that it may touch.
             clearance_m: the distance to keep from the place [m].
         """
@@ -425,7 +420,7 @@ class HandChecker:
         """See `CollisionChecker.set_joint`."""
         self._contacts.set_joint(joint, position)
 
-    def find(self, grasp_pose: Array, fingers: Mapping[str, float], *, strictly: bool = False) -> Collision | None:
+    def find(self, grasp_pose: PoseLike, fingers: Mapping[str, float], *, strictly: bool = False) -> Collision | None:
         """The worst collision of the gripper; None if it is free.
 
         Args:
@@ -438,7 +433,7 @@ class HandChecker:
             contacts.data.qpos[address] = sign * (factor * fingers[name] + offset)
         contacts.update()
         here = pose_multiply(contacts.pose(self._link), self._grasp)
-        contacts.move_rigidly(self._hand, pose_multiply(grasp_pose, pose_inverse(here)))
+        contacts.move_rigidly(self._hand, pose_multiply(normalized_pose_array(grasp_pose), pose_inverse(here)))
         geoms, distances = contacts.near_geoms()
         if not len(distances):
             return None

@@ -99,7 +99,6 @@ class RobotController:
         """Adds the actuators to an engine that has the robot, but not them.
 
         Args:
-            engine: the engine.
             is_new: whether it is known that the engine does not have them.
         """
         if Capability.ACTUATORS not in engine.capabilities or not self.drives.exist_in(engine):

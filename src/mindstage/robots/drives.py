@@ -37,9 +37,9 @@ _FULL_EFFORT_ERRORS = {True: 0.004, False: 0.015}
 _FINGER_FULL_EFFORT_ERRORS = {True: 0.01, False: 0.1}
 _MAX_FREQUENCY = 120.0
 """Largest natural frequency of a drive [rad/s], as a part of the frequency of the physics steps (500 Hz)."""
-_MAX_FINGER_FREQUENCY = 200.0
+_MAX_FINGER_FREQUENCY_RAD_S = 200.0
 _PHYSICS_STEP_S = 0.002
-_GRAVITY = 9.81
+_GRAVITY_M_S2 = 9.81
 _EFFORT_MARGIN = 3.0
 """A joint without a stated effort can lift so many times what it carries."""
 _MIN_EFFORTS = {True: 50.0, False: 10.0}
@@ -50,6 +50,7 @@ _LINK_MASS_KG = 0.5
 _BASE_ERRORS = (0.01, 0.01, 0.015)
 """The error of the base at which its drive has its largest force: x, y [m], yaw [rad]."""
 _MIN_BASE_EFFORTS = (400.0, 400.0, 150.0)
+"""Along x and y [N], and about the vertical [N m]."""
 _BASE_TORQUE_MARGIN = 2.0
 """The base resists so many times the largest moment of a joint, so that an arm that is blocked does not turn it."""
 _MAX_HELD_MOMENT = 400.0
@@ -193,7 +194,6 @@ def drives_of(model: RobotModel, placed: RobotWorld, *, name: str) -> RobotDrive
     """Chooses the actuators of a robot.
 
     Args:
-        model: its model.
         placed: its bodies and joints.
         name: its name in the simulation.
     """
@@ -310,7 +310,7 @@ def _joint_drive(
     effort = joint.effort or max(_MIN_EFFORTS[is_prismatic], _EFFORT_MARGIN * load)
     errors, frequency, least_damping = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY, 0.0
     if is_finger:
-        errors, frequency = _FINGER_FULL_EFFORT_ERRORS, _MAX_FINGER_FREQUENCY
+        errors, frequency = _FINGER_FULL_EFFORT_ERRORS, _MAX_FINGER_FREQUENCY_RAD_S
         if not joint.effort:
             effort = 2.0 * finger_force_n * (1.0 if is_prismatic else 0.1)
     stiffness = effort / errors[is_prismatic]
@@ -339,13 +339,13 @@ def _inertia_and_load(joint: Joint, moved: list[Body], masses: Mapping[BodyId, f
     direction = quat_rotate(frame[3:], np.eye(3)[axis.direction])
     mass = sum(masses[body.id] for body in moved)
     if axis.is_prismatic:
-        return mass, mass * _GRAVITY
+        return mass, mass * _GRAVITY_M_S2
     inertia = load = 0.0
     for body in moved:
         offset = np.asarray(body.pose.position) - frame[:3]
         distance = float(np.linalg.norm(offset - direction * (offset @ direction)))
         inertia += masses[body.id] * (distance**2 + 0.05**2)
-        load += masses[body.id] * _GRAVITY * (distance + 0.05)
+        load += masses[body.id] * _GRAVITY_M_S2 * (distance + 0.05)
     return inertia, load
 
 

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from mindstage.engines.mujoco.kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
 from mindstage.robots.models.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
-from mindstage.scene import Pose
+from mindstage.scene import PoseLike
 from mindstage.scene.transforms import (
     Array,
-    normalize,
     normalized_pose_array,
     pose_inverse,
     pose_multiply,
@@ -42,6 +41,7 @@ _POSTURE_COST = 3e-4
 _SLIDE_WEIGHT = 6.0
 """A slide that moves by 1 m costs as much as a hinge that turns by the square root of this [rad]."""
 _DAMPING = 1e-6
+"""Least regularization of a step, added to the squares of weighted derivatives; dimensionless."""
 _LM_DAMPING = 1e-2
 _MAX_STEP = 1.0
 """Largest change of a joint in an iteration [m or rad]: beyond it the linearization is worthless."""
@@ -50,7 +50,7 @@ _STALL_ITERATIONS = 8
 """Iterations without progress after which an attempt ends."""
 _PRECISION = 0.1
 """Iterations go on until the error is this part of the tolerance."""
-_DESCENTS = 8
+_DESCENT_STEPS = 8
 _NEAR_M = 0.095
 """Shorter distances are stated in millimeters."""
 _MIN_REACH_M = 0.05
@@ -231,20 +231,20 @@ class RobotKinematics:
 
     # -- forward -------------------------------------------------------------------------------------------------------
 
-    def pose(self, frame: str, positions: Mapping[str, float], *, root_pose: Array | None = None) -> Array:
+    def pose(self, frame: str, positions: Mapping[str, float], *, root_pose: PoseLike | None = None) -> Array:
         """The pose of a frame, seven numbers.
 
         Args:
             frame: the name of a gripper, for its grasp frame, or of a link.
             positions: positions of joints [m or rad]; others are 0, or the limit nearest to it.
-            root_pose: pose of the root link, seven numbers; None for the origin.
+            root_pose: pose of the root link; None for the origin.
 
         Raises:
             InvalidArgumentError: there is no such gripper or link.
         """
         chain = self._chain(frame)
         pose = chain.pose(chain.coordinates(positions))
-        return pose if root_pose is None else pose_multiply(root_pose, pose)
+        return pose if root_pose is None else pose_multiply(normalized_pose_array(root_pose), pose)
 
     def joints_of(self, frame: str) -> tuple[str, ...]:
         """The joints with drives between the root and a frame, those of the base left out.
@@ -276,11 +276,11 @@ class RobotKinematics:
     def solve_ik(
         self,
         frame: str,
-        target: Pose | Array,
+        target: PoseLike,
         *,
         joints: Sequence[str] | None = None,
         seed: Mapping[str, float] | None = None,
-        root_pose: Array | None = None,
+        root_pose: PoseLike | None = None,
         free: str = "",
         tolerance: IkTolerance | None = None,
         attempts: int = 16,
@@ -296,7 +296,7 @@ class RobotKinematics:
             target: the pose that the frame is to have.
             joints: the joints that may move, `BASE_JOINTS` among them; None for those of the arm to this frame.
             seed: current positions of joints, also of those that may not move [m or rad].
-            root_pose: pose of the root link, seven numbers; None if the target is in the frame of the root.
+            root_pose: pose of the root link; None if the target is in the frame of the root.
             free: the axes of the frame about which it may turn, such as "z"; "xyz" if its rotation does not matter.
             tolerance: the permitted error; 1 mm and 0.5 degrees by default.
             attempts: the largest number of attempts.
@@ -326,11 +326,11 @@ class RobotKinematics:
     def solutions(
         self,
         frame: str,
-        target: Pose | Array,
+        target: PoseLike,
         *,
         joints: Sequence[str] | None = None,
         seed: Mapping[str, float] | None = None,
-        root_pose: Array | None = None,
+        root_pose: PoseLike | None = None,
         free: str = "",
         tolerance: IkTolerance | None = None,
         attempts: int = 24,
@@ -340,7 +340,6 @@ class RobotKinematics:
 
         Args:
             frame: see `solve_ik`; the same holds for the others.
-            target: the pose.
             joints: the joints that may move.
             seed: current positions.
             root_pose: pose of the root link.
@@ -383,10 +382,10 @@ class RobotKinematics:
     def _problem(
         self,
         frame: str,
-        target: Pose | Array,
+        target: PoseLike,
         joints: Sequence[str] | None,
         seed: Mapping[str, float],
-        root_pose: Array | None,
+        root_pose: PoseLike | None,
         free: str,
         tolerance: IkTolerance,
     ) -> _Problem:
@@ -401,10 +400,9 @@ class RobotKinematics:
         if not moving:
             remedy = f"give some of {', '.join(chain.names)}"
             raise InvalidArgumentError(frame, cause="none of the joints moves it", remedy=remedy)
-        goal = normalized_pose_array(target) if isinstance(target, Pose) else np.array(target, dtype=float)
-        goal[3:] = normalize(goal[3:])
+        goal = normalized_pose_array(target)
         if root_pose is not None:
-            goal = pose_multiply(pose_inverse(root_pose), goal)
+            goal = pose_multiply(pose_inverse(normalized_pose_array(root_pose)), goal)
         is_fixed = np.array([axis not in free for axis in "xyz"])
         mink = _libraries().mink
         task = mink.FrameTask(FRAME_SITE, "site", 1.0, _ORIENTATION_COST * is_fixed, lm_damping=_LM_DAMPING)
@@ -451,10 +449,10 @@ class RobotKinematics:
         distance = _distance_to_sweep(problem, first)
         return max(0.0, distance - reach), reach
 
-    def _result(self, problem: _Problem, attempt: _Attempt, root_pose: Array | None) -> IkResult:
+    def _result(self, problem: _Problem, attempt: _Attempt, root_pose: PoseLike | None) -> IkResult:
         chain, q = problem.chain, attempt.q
         positions = {name: float(q[chain.index[name]]) for name in problem.joints if name not in BASE_JOINTS}
-        root = _IDENTITY if root_pose is None else np.asarray(root_pose, dtype=float)
+        root = _IDENTITY if root_pose is None else normalized_pose_array(root_pose)
         if BASE_JOINTS[0] in chain.index:
             x, y, yaw = q[:3].tolist()
             root = pose_multiply(root, np.array([x, y, 0.0, np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]))
@@ -586,7 +584,7 @@ def _distance_to_sweep(problem: _Problem, first: int) -> float:
     directions = np.array(data.xaxis[slides]).T @ problem.columns[slides]
     moving = np.flatnonzero(np.linalg.norm(directions, axis=0) > 0.0)
     away, moved = problem.target[:3] - data.xanchor[first], np.zeros(len(problem.rows))
-    for _ in range(_DESCENTS):  # coordinate descent: the slides need not be orthogonal
+    for _ in range(_DESCENT_STEPS):  # coordinate descent: the slides need not be orthogonal
         for column in moving.tolist():
             direction, row = directions[:, column], int(problem.rows[column])
             best = moved[column] + float(direction @ away) / float(direction @ direction)

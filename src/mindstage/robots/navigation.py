@@ -21,7 +21,7 @@ from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.models.model import BaseType
 from mindstage.robots.planning import load_ompl, termination
 from mindstage.robots.search_limits import CPU_S, SearchLimit
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.floor_plan import FloorPlan, find_floor
 from mindstage.scene.proximity import BodyBoxes
@@ -65,13 +65,12 @@ class FloorMap:
         robot: MotionRobot,
         *,
         ignore: Collection[BodyId] = (),
-        moved: Mapping[BodyId, Pose] | None = None,
+        moved: Mapping[BodyId, PoseLike] | None = None,
         start: tuple[float, float, float] | None = None,
     ) -> None:
         """Computes the free floor for a disc around the base.
 
         Args:
-            robot: the robot.
             ignore: bodies that are no obstacles.
             moved: poses of bodies that are to be somewhere else than now, such as a door that will be open.
             start: where the base is to be: x, y [m] and yaw [rad] in the world frame; None for where it is now.

@@ -8,7 +8,7 @@ given, and see the world as it is when they are called.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
 from math import acos, ceil, cos, pi, radians, sin
 from typing import Any
@@ -23,7 +23,7 @@ from mindstage.robots.models.model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import BodyId, PoseLike, as_pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply, quat_angle
 
 __all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path", "termination"]
@@ -97,7 +97,6 @@ def termination(limit: SearchLimit, last: int | None = None) -> Any:
     Each evaluation counts as a step, since a planner may go on without testing a state.
 
     Args:
-        limit: the limit.
         last: the number of the last step; None for that of the limit.
     """
 
@@ -207,7 +206,7 @@ class _ArmTask:
 def plan_arm(
     robot: MotionRobot,
     arm: Arm | str,
-    target: Mapping[str, float] | Pose | Array,
+    target: Mapping[str, float] | PoseLike,
     *,
     free: str = "",
     start: Mapping[str, float] | None = None,
@@ -225,7 +224,6 @@ def plan_arm(
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         target: positions by joint [m or rad], of which those that are left out do not change; or the pose of the grasp
             frame of the gripper (of the last link of an arm without one) in the world frame.
@@ -280,7 +278,7 @@ def plan_arm(
 def plan_line(
     robot: MotionRobot,
     arm: Arm | str,
-    target: Pose | Array,
+    target: PoseLike,
     *,
     start: Mapping[str, float] | None = None,
     ignore: Collection[BodyId] = (),
@@ -292,7 +290,6 @@ def plan_line(
     """Plans a straight motion of a gripper to a pose, with an even rotation.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         target: the pose of the grasp frame at the end, in the world frame.
         start: positions of joints from which the motion starts; by default where they are.
@@ -307,13 +304,13 @@ def plan_line(
         UnreachableError: a pose on the way is beyond a limit or in a collision.
     """
     task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
-    return _follow(task, [_pose_array(target)], "", max_velocity)
+    return _follow(task, [normalized_pose_array(target)], "", max_velocity)
 
 
 def plan_path(
     robot: MotionRobot,
     arm: Arm | str,
-    poses: Sequence[Pose | Array],
+    poses: Iterable[PoseLike],
     *,
     free: str = "",
     start: Mapping[str, float] | None = None,
@@ -326,7 +323,6 @@ def plan_path(
     """Plans a motion of a gripper through poses, such as those of a handle while its door opens.
 
     Args:
-        robot: the robot.
         arm: its arm, or the name; empty for the first one.
         poses: poses of the grasp frame in the world frame; between two of them it moves straight.
         free: the axes of the grasp frame about which it may turn, such as that of a bar that it holds loosely.
@@ -341,10 +337,11 @@ def plan_path(
         InvalidArgumentError: there is no such arm, or there are no poses.
         UnreachableError: a pose on the way is beyond a limit or in a collision.
     """
-    if not poses:
+    rows = [normalized_pose_array(each) for each in poses]
+    if not rows:
         raise InvalidArgumentError("poses", cause="there are none", remedy="give at least one")
     task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
-    return _follow(task, [_pose_array(each) for each in poses], free, max_velocity)
+    return _follow(task, rows, free, max_velocity)
 
 
 def interpolated(a: Array, b: Array, share: float) -> Array:
@@ -363,23 +360,19 @@ def interpolated(a: Array, b: Array, share: float) -> Array:
 # -- parts -------------------------------------------------------------------------------------------------------------
 
 
-def _pose_array(pose: Pose | Array) -> Array:
-    return normalized_pose_array(pose) if isinstance(pose, Pose) else np.asarray(pose, dtype=float)
-
-
-def _target_text(target: Mapping[str, float] | Pose | Array) -> str:
+def _target_text(target: Mapping[str, float] | PoseLike) -> str:
     if isinstance(target, Mapping):
         return ", ".join(f"{joint} = {value:.3g}" for joint, value in target.items())
-    x, y, z = _pose_array(target)[:3].tolist()
+    x, y, z = as_pose(target).position
     return f"({x:.3g}, {y:.3g}, {z:.3g})"
 
 
-def _goals(task: _ArmTask, target: Mapping[str, float] | Pose | Array, free: str) -> list[Array]:
+def _goals(task: _ArmTask, target: Mapping[str, float] | PoseLike, free: str) -> list[Array]:
     """States without collisions that reach a target, the nearest one first."""
     text = _target_text(target)
     if isinstance(target, Mapping):
         return [_joint_goal(task, target, text)]
-    pose = _pose_array(target)
+    pose = normalized_pose_array(target)
     goals: list[Array] = []
     blocked: Collision | None = None
     solutions = task.kinematics.solutions(

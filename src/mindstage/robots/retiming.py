@@ -43,6 +43,7 @@ _MIN_SAMPLES = 33
 _MAX_GAP = 0.02
 """Largest distance between two samples of a path, in units of its parameter."""
 _MIN_BLEND = 1e-3
+"""Smaller blends are left out; in the metric of the path [rad or m]."""
 _MIN_SPREAD = 0.3
 """Least distance between two points of a spline as part of the median."""
 _CANDIDATES = 48
@@ -65,7 +66,6 @@ class MotionLimits(NamedTuple):
         """The limits of some joints.
 
         Args:
-            joints: the joints.
             speed: the part of their velocity limits that is used, above 0, at most 1.
 
         Raises:
@@ -222,7 +222,6 @@ def retimed(
 
     Args:
         joints: the names of the joints.
-        pieces: the paths.
         limits: velocities and accelerations.
         speed_limits: for each path and sample, a further limit of the derivative of the parameter by time; None for
             none.

@@ -35,7 +35,7 @@ from mindstage.robots.models.model import Gripper, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld, robot_world
-from mindstage.scene import IDENTITY, BodyId, Pose
+from mindstage.scene import IDENTITY, BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
 from mindstage.simulation.observation import SKILL_EDIT
@@ -130,7 +130,6 @@ class Robot:
             placed: its bodies and joints.
             session: the simulation.
             controller: what commands its actuators.
-            report: of its spawn.
         """
         self.name = name
         self.model = model
@@ -641,7 +640,7 @@ def contact_free_pairs(model: RobotModel, placed: RobotWorld) -> frozenset[tuple
 def add_robot(
     session: RobotSession,
     source: str | PathLike[str] | RobotModel,
-    pose: Pose = IDENTITY,
+    pose: PoseLike = IDENTITY,
     *,
     name: str = "",
     xacro: bool | None = None,

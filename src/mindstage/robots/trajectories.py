@@ -29,6 +29,7 @@ _VELOCITY_SLACK = 1.01
 _BETWEEN_SLACKS = dict.fromkeys(RobotJointType, 1e-2) | {RobotJointType.PRISMATIC: 1e-3}
 """How far a spline may be beyond a limit between points [m or rad]: limits are soft, and the state may be one end."""
 _END_VELOCITY = 1e-3
+"""The largest velocity at the end of a trajectory [rad/s or m/s]."""
 _SAMPLES = 33
 """Number of points of a quintic segment at which its velocity is checked."""
 _MIN_DURATION_S = 0.05
@@ -111,7 +112,6 @@ def spline_of(
     A continuous joint is moved by whole turns to where the trajectory is nearest to its state.
 
     Args:
-        trajectory: the trajectory.
         robot: the name of the robot, for errors.
         limits: the joints that have drives, by name.
         state: their current positions [m or rad].
@@ -166,7 +166,6 @@ def point_to_point(
     """The trajectory that moves joints from rest to rest, all in the same time, without regard to obstacles.
 
     Args:
-        joints: the joints.
         start: their positions at the start [m or rad].
         end: their positions at the end [m or rad].
         speed: the fraction of their velocity limits that is used.

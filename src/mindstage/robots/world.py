@@ -34,7 +34,7 @@ from mindstage.scene import (
     JointMimic,
     LinearLimits,
     Mobility,
-    Pose,
+    PoseLike,
     SoftLimit,
     Tag,
     Vector,
@@ -73,7 +73,7 @@ class RobotWorld(msgspec.Struct, frozen=True, kw_only=True, eq=False):
 
 def robot_world(
     model: RobotModel,
-    pose: Pose,
+    pose: PoseLike,
     *,
     name: str,
     taken: Container[str] = (),
@@ -82,7 +82,6 @@ def robot_world(
     """Returns the world of a robot.
 
     Args:
-        model: the robot.
         pose: the pose of its root link in the world frame, on the floor: the root of a robot that drives is put at
             `base.height_m` above it.
         name: the name of the robot, unique in the world.
@@ -96,7 +95,7 @@ class _RobotWorldBuilder:
     """The world of one robot."""
 
     def __init__(
-        self, model: RobotModel, pose: Pose, name: str, taken: Container[str], positions: Mapping[str, float] | None
+        self, model: RobotModel, pose: PoseLike, name: str, taken: Container[str], positions: Mapping[str, float] | None
     ) -> None:
         self.model, self.name = model, name
         self.is_driving = model.base.type is not BaseType.FIXED

@@ -5,3 +5,5 @@ from mindstage.ros.interface import RosInterface
 from mindstage.ros.publishers import PublishRates
 
 __all__ = ["PublishRates", "RosInterface", "RosVersion"]
+
+__dir__ = __all__.copy

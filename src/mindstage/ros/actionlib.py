@@ -75,7 +75,6 @@ class ActionlibServer:
         Args:
             node: node that publishes and subscribes.
             name: name of the action.
-            action: type of the action.
             handler: executes one goal, in a thread of its own.
             policy: the limits of its goals.
             diagnostics: publishes errors of invalid cancellations.

@@ -162,7 +162,6 @@ def health_status(
     """Returns the health of the engine as a message.
 
     Args:
-        simulation: the simulation.
         response_time_s: response time of the engine [s], or None.
         error: why there was no response, or None.
     """

@@ -44,7 +44,6 @@ class Endpoints:
         """Offers nothing yet.
 
         Args:
-            node: the node.
             namespace: namespace of all names that do not begin with a slash.
             ros: version of ROS for names and formats.
             diagnostics: publishes errors.

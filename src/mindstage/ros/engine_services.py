@@ -118,7 +118,6 @@ class RecordingServices:
         """Creates the service.
 
         Args:
-            simulation: the simulation.
             folder: the folder for episodes; None if clients may not record.
         """
         self._simulation = simulation
@@ -165,16 +164,16 @@ class EngineServices:
     def services(self) -> Iterator[ServiceSpec]:
         """Yields all services."""
         yield _service_spec(wire.Describe, self.describe, READ)
-        yield _service_spec(wire.SpawnWorld, self.spawn_world, SPAWN)
+        yield self._edit_spec(wire.SpawnWorld, self.spawn_world, SPAWN)
         yield _service_spec(wire.LogWorld, self.snapshot_world, READ)
-        yield _service_spec(wire.Delete, self.delete, EDIT)
-        yield _service_spec(wire.Clear, self.clear, EDIT)
-        yield _service_spec(wire.Attach, self.attach, EDIT)
-        yield _service_spec(wire.Detach, self.detach, EDIT)
-        yield _service_spec(wire.SetPose, self.set_pose, EDIT)
-        yield _service_spec(wire.SetPhysics, self.set_physics, EDIT)
-        yield _service_spec(wire.SetMaterials, self.set_materials, EDIT)
-        yield _service_spec(wire.SetLabel, self.set_label, EDIT)
+        yield self._edit_spec(wire.Delete, self.delete)
+        yield self._edit_spec(wire.Clear, self.clear)
+        yield self._edit_spec(wire.Attach, self.attach)
+        yield self._edit_spec(wire.Detach, self.detach)
+        yield self._edit_spec(wire.SetPose, self.set_pose)
+        yield self._edit_spec(wire.SetPhysics, self.set_physics)
+        yield self._edit_spec(wire.SetMaterials, self.set_materials)
+        yield self._edit_spec(wire.SetLabel, self.set_label)
         yield _service_spec(wire.Highlight, self.highlight, EDIT)
         yield _service_spec(wire.GetHighlights, self.highlights, READ, quick=True)
         yield _service_spec(wire.Push, self.apply_force, EDIT)
@@ -182,11 +181,11 @@ class EngineServices:
         yield _service_spec(wire.SetSpeed, self.set_speed, EDIT)
         yield _service_spec(wire.GetPoses, self.poses, READ, quick=True)
         yield _service_spec(wire.GetJointPositions, self.joint_positions, READ)
-        yield _service_spec(wire.SetActuators, self.set_actuators, EDIT)
+        yield self._edit_spec(wire.SetActuators, self.set_actuators)
         yield _service_spec(wire.SetCommands, self.set_commands, EDIT)
         yield _service_spec(wire.GetActuatorStates, self.actuator_states, READ)
         yield _service_spec(wire.SaveState, self.save_state, EDIT)
-        yield _service_spec(wire.RestoreState, self.restore_state, EDIT)
+        yield self._edit_spec(wire.RestoreState, self.restore_state)
         yield _service_spec(wire.ForgetState, self.discard_state, EDIT)
 
     def actions(self) -> Iterator[ActionSpec]:
@@ -411,7 +410,8 @@ class EngineServices:
             raise GoalCanceledError
         context.send_feedback(feedback("spawned", report.bodies + report.joints + report.attachments))
         self._diagnostics.report_spawn("spawn_map", report)
-        return wire.SpawnMap.Result(success=report.ok, report=spawn_report(report))
+        rebuild_s = report.expected_rebuild_s
+        return wire.SpawnMap.Result(success=report.ok, report=spawn_report(report), expected_rebuild_s=rebuild_s)
 
     def simulate(self, goal: wire.Simulate.Goal, context: GoalContext) -> wire.Simulate.Result:
         """Advances the simulation, with feedback."""
@@ -427,6 +427,13 @@ class EngineServices:
             self._simulation.step(chunk_s)
             elapsed_s = elapsed_s + chunk_s if duration_s - elapsed_s > _STEP_CHUNK_S else duration_s
         return wire.Simulate.Result(success=True, time_s=self._simulation.state.time_s)
+
+    def _edit_spec(self, type: type[Service], handler: Callable[[Any], Any], policy: Policy = EDIT) -> ServiceSpec:
+        def edit(request: Any) -> Any:
+            response = handler(request)
+            return msgspec.structs.replace(response, expected_rebuild_s=self._simulation.state.expected_rebuild_s)
+
+        return _service_spec(type, edit, policy)
 
     def _spawn(self, world: World, geometry: str) -> SpawnReport:
         """Spawns a world with the geometries in the request, or else with those of the simulation."""
@@ -454,7 +461,7 @@ class EngineServices:
 def spawn_report(report: SpawnReport) -> wire.SpawnReport:
     """Converts a report to a message."""
     fields = msgspec.to_builtins(report)
-    for name in ("moved", "rest_checked_s"):  # observed after the spawn, by the caller
+    for name in ("moved", "rest_checked_s", "expected_rebuild_s"):  # observed after the spawn
         del fields[name]
     return msgspec.convert(fields, wire.SpawnReport)
 

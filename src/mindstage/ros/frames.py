@@ -170,7 +170,6 @@ class FrameTree:
         """Computes the tree.
 
         Args:
-            world: the world.
             spawned: the worlds as they were spawned.
             names: the frame ids.
             robots: the frames of the robots in the world.

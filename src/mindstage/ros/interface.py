@@ -157,7 +157,6 @@ class RosInterface:
         """Creates all services, topics and actions.
 
         Args:
-            simulation: the simulation.
             node: a `LocalNode` in this process, or a `RosbridgeClient` at any rosbridge server.
             namespace: namespace of the services and topics of this simulation.
             ros: version of ROS for types and formats that differ in ROS 1 and ROS 2; both are accepted.

@@ -31,6 +31,7 @@ __all__ = ["PlanActions"]
 _DEFAULT_SAMPLES = 100
 _DEFAULT_BUDGET_S = 60.0
 _DEFAULT_THRESHOLD = 0.9
+"""A probability."""
 _POLL_S = 0.05
 """Interval at which a goal looks for its cancellation [s]."""
 _CANCEL_GRACE_S = 0.25
@@ -123,10 +124,9 @@ class _SupervisedTrial:
     def _try(self, plan: PlanFile, arguments: dict[str, Any]) -> None:
         try:
             with physical_simulation(self._simulation) as simulation:
-                plan.validate(simulation)
                 self._verdict = imagine(
                     simulation,
-                    plan.plan,
+                    plan,
                     budget_s=self._budget_s,
                     progress=self._send_progress,
                     cancel=self._canceled.is_set,

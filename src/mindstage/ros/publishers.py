@@ -57,7 +57,7 @@ __all__ = [
 _WORLD_FRAME = "world"
 _NAMESPACE = "mindstage"
 _DEFAULT_SIZE_M = 0.05
-_GRAY: Color = (0.7, 0.7, 0.7)
+_DEFAULT_COLOR: Color = (0.7, 0.7, 0.7)
 _AXES = ("x", "y", "z", "twist", "swing2", "swing1")
 _MARKER_TYPES = {
     PrimitiveType.SPHERE: visualization_msgs.MarkerType.SPHERE,
@@ -200,7 +200,7 @@ def _axis_motion(joint: Joint, axis: str) -> AxisMotion:
 
 
 def _color(body: Body | None) -> Color:
-    return (body.color if body else None) or _GRAY
+    return (body.color if body else None) or _DEFAULT_COLOR
 
 
 class PublishRates(msgspec.Struct, frozen=True, kw_only=True):

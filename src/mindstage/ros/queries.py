@@ -185,7 +185,6 @@ class QueryServer:
         """Makes a simulation answer queries until it is closed.
 
         Args:
-            simulation: the simulation.
             page: the address of its page.
 
         Returns:

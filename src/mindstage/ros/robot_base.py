@@ -59,7 +59,6 @@ class RobotBaseInterface:
         """Offers nothing yet.
 
         Args:
-            robot: the robot.
             state_reader: reads the state of its simulation.
             diagnostics: publishes why a velocity was not driven.
         """

@@ -54,6 +54,7 @@ _PEAK_VELOCITY = 1.875
 """Peak velocity of a motion from rest to rest, relative to its mean."""
 _HEAD_ITERATIONS = 30
 _HEAD_STEP = 1e-5
+"""Step of numerical derivatives [rad]."""
 _HEAD_MAX_CHANGE = 0.5
 """Largest change of a joint in one iteration [rad]."""
 _HEAD_TOLERANCE = 0.02
@@ -189,7 +190,6 @@ class RobotControllers:
         """Offers nothing yet.
 
         Args:
-            robot: the robot.
             state_reader: reads the state of its simulation.
         """
         self.specs = controllers_of(robot.model)
@@ -535,7 +535,6 @@ class _HeadPointing:
         """Takes the task.
 
         Args:
-            model: the robot.
             positions: the current positions of all joints.
             target: the point in the frame of the root link [m].
             axis: the axis in the frame that points; zero for x.

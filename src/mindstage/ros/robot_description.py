@@ -57,7 +57,7 @@ __all__ = [
 ]
 
 _DEFAULT_SIZE_M: Vector = (0.05, 0.05, 0.05)
-_GRAY: Color = (0.7, 0.7, 0.7)
+_DEFAULT_COLOR: Color = (0.7, 0.7, 0.7)
 _UNBOUNDED = 1000.0
 """Limit of efforts [N or Nm], velocities [m/s or rad/s] and free translations [m]."""
 _ROUND_TOLERANCE = 0.01
@@ -358,7 +358,7 @@ def _shapes(body: Body, geometry: BodyGeometry | None) -> Iterable[CollisionShap
 
 def _color(body: Body, geometry: BodyGeometry | None) -> Color:
     if body.color is not None or geometry is None or not geometry.visuals:
-        return body.color or _GRAY
+        return body.color or _DEFAULT_COLOR
     return geometry.visuals[0].material.color
 
 

@@ -54,7 +54,6 @@ class RobotSkills:
         """Offers nothing yet.
 
         Args:
-            simulation: the simulation.
             find_file: returns a file that clients may read, by the name that they give; None if there is none.
             on_added: called after a robot was added.
         """
@@ -111,14 +110,14 @@ class RobotSkills:
             return wire.AddRobot.Response(refusal=wire.Refusal(kind=error.code, text=text))
         self._on_added()
         notes = tuple(f"{note.subject}: {note.text}" if note.subject else note.text for note in robot.model.notes)
-        return wire.AddRobot.Response(success=True, name=robot.name, notes=notes)
+        rebuild_s = self._simulation.state.expected_rebuild_s
+        return wire.AddRobot.Response(success=True, name=robot.name, notes=notes, expected_rebuild_s=rebuild_s)
 
     def perform(self, skill: str, goal: wire.Perform.Goal, context: GoalContext) -> wire.Perform.Result:
         """Performs a skill.
 
         Args:
             skill: its name; empty for that in the goal.
-            goal: the goal.
             context: its cancellation and feedback.
 
         Raises:

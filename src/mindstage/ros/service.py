@@ -410,7 +410,6 @@ class GoalContext:
             name: name of the action, for errors.
             timeout_s: largest duration of the goal [s].
             is_cancelled: returns whether cancellation was requested.
-            send_feedback: sends feedback.
             wait_for_cancel: sleeps for a time [s], at most until cancellation is requested.
             on_cancel: registers a callback for the request; see `ServerGoalHandle.on_cancel`.
         """

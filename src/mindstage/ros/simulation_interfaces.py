@@ -522,9 +522,7 @@ def asset_problem(
     """Returns which meshes of a spawned world are not used, and why; None if all are.
 
     Args:
-        world: the world.
         simulation: the simulation in which it was spawned.
-        report: the report of the spawn.
         any_geometry: whether a mesh may be replaced by the shape that the ontology states for the class.
     """
     replacing = {GeometrySource.MESH, GeometrySource.ONTOLOGY} if any_geometry else {GeometrySource.MESH}

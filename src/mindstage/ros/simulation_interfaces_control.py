@@ -165,7 +165,6 @@ class SimulationControlServices:
         """Creates the services; the simulation is not changed.
 
         Args:
-            simulation: the simulation.
             step_s: length of one step [s].
             on_quit: called when a client ends the simulation; None if clients may not.
         """

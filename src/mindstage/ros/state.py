@@ -61,7 +61,6 @@ def robot_frames(robot: Robot, namespace: str) -> RobotFrames:
     """Returns the frames of the links of a robot.
 
     Args:
-        robot: the robot.
         namespace: the namespace of its names in ROS; empty for none.
     """
     model, ids = robot.model, robot.link_ids
@@ -84,7 +83,6 @@ class StateReader:
         """Reads nothing yet.
 
         Args:
-            simulation: the simulation.
             has_root: whether one robot may have names without a namespace; the place itself has such names otherwise.
         """
         self.simulation = simulation

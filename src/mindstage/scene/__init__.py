@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         Mobility,
         NamedResource,
         Pose,
+        PoseLike,
         PrimitiveShape,
         PrimitiveType,
         PropertyAssertion,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
         Tag,
         Vector,
         World,
+        as_pose,
     )
     from mindstage.scene.world_diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff
 
@@ -89,6 +91,7 @@ __all__ = [
     "NamedResource",
     "PbrMaterial",
     "Pose",
+    "PoseLike",
     "PrimitiveShape",
     "PrimitiveType",
     "PropertyAssertion",
@@ -101,6 +104,7 @@ __all__ = [
     "VisualMesh",
     "World",
     "WorldDiff",
+    "as_pose",
     "diff",
 ]
 

@@ -76,7 +76,6 @@ def overlapping_pairs(
     One box of each pair is in the first mask and the other is in the second.
 
     Args:
-        boxes: the boxes.
         first_mask: for each box, whether it can be one of a pair.
         second_mask: for each box, whether it can be the other of a pair.
         margin: the largest gap along each world axis that still counts as an overlap [m].
@@ -130,7 +129,6 @@ def contains(boxes: OrientedBoxes, outer: Indices, inner: Indices, *, min_fracti
     """Returns, for each pair, whether the outer box contains the inner one.
 
     Args:
-        boxes: the boxes.
         outer: indices of the containing boxes.
         inner: indices of the contained boxes.
         min_fraction: fraction of the inner box that must be inside along each axis of the outer one.
@@ -148,7 +146,6 @@ def face_coverage(boxes: OrientedBoxes, cover: int, targets: Indices, *, toleran
     """Returns the fraction of a face of other boxes that one box covers, as a door does; 0 if they do not touch.
 
     Args:
-        boxes: the boxes.
         cover: index of the covering box.
         targets: indices of the boxes that may be covered.
         tolerance: the largest gap that still counts as contact [m].

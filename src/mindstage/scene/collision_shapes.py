@@ -194,6 +194,7 @@ MIN_THICKNESS_M = 0.001
 """Minimum thickness that all engines collide reliably [m]."""
 _MAX_LENGTH_M = 1e6
 _MIN_QUATERNION_NORM = 1e-6
+"""Dimensionless, as is its reciprocal, the largest norm."""
 SHAPE_TYPES = (CollisionShapeType.BOX, CollisionShapeType.SPHERE, CollisionShapeType.CYLINDER, CollisionShapeType.HULL)
 _POSE_TOLERANCE_M = 1e-6
 _TYPE_OF_PRIMITIVE = {

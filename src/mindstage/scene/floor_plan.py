@@ -46,6 +46,7 @@ _MOVABLE_PENALTY, _FIXED_PENALTY = 100.0, 10_000.0
 _PAIRS_AT_ONCE = 1 << 18
 """Number of pairs of cell and polygon per chunk, which bounds the memory."""
 _NEIGHBORS = ((1, 0), (0, 1), (1, 1), (1, -1))
+"""Offsets of half of the neighbors of a cell, in cells."""
 
 
 def find_floor(bodies: BodyBoxes, *, below: float | None = None) -> tuple[float, tuple[int, ...]]:

@@ -13,7 +13,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
-from mindstage.scene.model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, Vector
+from mindstage.scene.model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, PosedStruct, Vector
 
 if TYPE_CHECKING:  # NumPy is not needed to refer to geometry
     from numpy import uint8, uint32
@@ -48,7 +48,7 @@ class CollisionShapeType(StrEnum):
     """The convex hull of its points."""
 
 
-class CollisionShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
+class CollisionShape(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
     """A convex collision shape."""
 
     type: CollisionShapeType = CollisionShapeType.BOX
@@ -117,7 +117,7 @@ class SupportSurface(
     """Upward unit vector of the surface, along an axis of the body."""
 
 
-class AttachedLight(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
+class AttachedLight(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
     """A light source that is attached to a body."""
 
     type: LightType = LightType.POINT

@@ -140,7 +140,6 @@ def joint_displacement(joint: Joint, positions: Sequence[float]) -> JointDisplac
     """Returns the displacement of a joint; None if all of its axes are locked.
 
     Args:
-        joint: the joint.
         positions: its displacement on each axis, in the order of `axis_ranges` [m or rad].
     """
     displacements = [

@@ -10,12 +10,14 @@ node described by its own statements.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum, StrEnum
-from typing import NewType
+from typing import Any, NewType, Protocol
 
 import msgspec
 
-from mindstage.errors import BodyNotFoundError
+from mindstage.errors import BodyNotFoundError, PoseRefusedError
+from mindstage.ranges import Component, Coordinate, check_number, declared_range
 from mindstage.scene.display import counted, html_table, short_name
 
 __all__ = [
@@ -41,6 +43,7 @@ __all__ = [
     "Mobility",
     "NamedResource",
     "Pose",
+    "PoseLike",
     "PrimitiveShape",
     "PrimitiveType",
     "PropertyAssertion",
@@ -49,6 +52,7 @@ __all__ = [
     "Tag",
     "Vector",
     "World",
+    "as_pose",
 ]
 
 
@@ -120,6 +124,70 @@ class Pose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 IDENTITY = Pose()
 
 
+class ArrayLike(Protocol):
+    """An array of NumPy, which is not imported here."""
+
+    def tolist(self) -> Any:
+        """Its numbers in nested lists."""
+
+
+PoseLike = Pose | Sequence[float] | Sequence[Sequence[float]] | ArrayLike
+"""What is accepted as a pose; see `as_pose`."""
+
+
+def as_pose(value: PoseLike, name: str = "pose") -> Pose:
+    """The pose that was given as a `Pose` or as numbers in a tuple, a list or an array.
+
+    Args:
+        value: a pose; or x, y, z [m], without a rotation; or these three and a quaternion w, x, y, z of any norm, as
+            seven numbers or as a pair.
+        name: the name of the argument, for errors.
+
+    Raises:
+        PoseRefusedError: the value has another shape, or the quaternion is 0.
+        NumberRefusedError: a number is not finite, or too large.
+    """
+    if isinstance(value, Pose):
+        return value
+    numbers = _plain(value)
+    if isinstance(numbers, list) and [len(each) if isinstance(each, list) else 0 for each in numbers] == [3, 4]:
+        numbers = [*numbers[0], *numbers[1]]
+    if not isinstance(numbers, list) or len(numbers) not in {3, 7} or any(isinstance(each, list) for each in numbers):
+        raise PoseRefusedError(
+            name,
+            cause=f"{' '.join(repr(value).split())[:80]} is no pose",
+            remedy="give x, y, z [m], or x, y, z and the quaternion w, x, y, z, or a Pose",
+        )
+    for number in numbers[:3]:
+        check_number(number, _COORDINATE, name)
+    for number in numbers[3:]:
+        check_number(number, _COMPONENT, name)
+    x, y, z, *quaternion = map(float, numbers)
+    if not quaternion:
+        return Pose((x, y, z))
+    if not any(quaternion):
+        raise PoseRefusedError(name, cause="its quaternion is all zeros", remedy="give 1, 0, 0, 0 for no rotation")
+    w, i, j, k = quaternion
+    return Pose((x, y, z), (w, i, j, k))
+
+
+_COORDINATE, _COMPONENT = declared_range(Coordinate), declared_range(Component)
+
+
+def _plain(value: Any) -> Any:
+    """Nested tuples and arrays as nested lists."""
+    listed = value.tolist() if hasattr(value, "tolist") else value
+    return [_plain(each) for each in listed] if isinstance(listed, list | tuple) else listed
+
+
+class PosedStruct(FrozenStruct, frozen=True, kw_only=True):
+    """Base class of parts with a field `pose`, which is converted by `as_pose`."""
+
+    def __post_init__(self) -> None:
+        if self.pose.__class__ is not Pose:  # type: ignore[attr-defined]
+            msgspec.structs.force_setattr(self, "pose", as_pose(self.pose))  # type: ignore[attr-defined]
+
+
 class Mobility(StrEnum):
     """How a body can move."""
 
@@ -182,7 +250,7 @@ class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "k
     type: PrimitiveType = PrimitiveType.BOX
 
 
-class Body(FrozenStruct, frozen=True, kw_only=True):
+class Body(PosedStruct, frozen=True, kw_only=True):
     """An individual with a pose."""
 
     id: BodyId
@@ -290,7 +358,7 @@ class JointMimic(FrozenStruct, frozen=True, kw_only=True):
     """[m] or [rad]."""
 
 
-class Joint(FrozenStruct, frozen=True, kw_only=True):
+class Joint(PosedStruct, frozen=True, kw_only=True):
     """A joint with up to six degrees of freedom between two bodies (a D6 joint in PhysX)."""
 
     id: BodyId
@@ -329,7 +397,7 @@ class LightType(StrEnum):
     DIRECTIONAL = "directional"
 
 
-class Light(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
+class Light(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
     """A light source."""
 
     id: BodyId

@@ -73,7 +73,6 @@ def support_surfaces(
     """Yields the support surfaces of a body that are level at its current pose.
 
     Args:
-        body: the body.
         geometry: its geometry. Without one, or if none of its surfaces on the body is level, such as those of a panel
             that lies flat, the body is a box, with the upper side as the only surface.
         pose: its pose in the world frame, seven numbers.
@@ -126,7 +125,6 @@ class PlacementSampler:
 
         Args:
             bodies: the bodies by id.
-            geometry: their geometry.
             ids: the bodies that exist.
             poses: their poses, n x 7, in the order of `ids`.
             ignored_ids: bodies that are not obstacles.
@@ -177,9 +175,6 @@ class PlacementSampler:
         """The free poses of a body on a surface, nearest to the center first; if there are none, also the reason.
 
         Args:
-            body: the body.
-            geometry: its geometry.
-            surface: the surface.
             max_tested: how many of the poses are tested, spread evenly over them; None for all.
             near: a point that replaces the center, in the world frame [m].
         """

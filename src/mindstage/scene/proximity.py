@@ -47,6 +47,7 @@ __all__ = [
 _CHUNK_SIZE = 1 << 11
 """Number of pairs per chunk: each has 144 pairs of edges."""
 _TOLERANCE = 1e-9
+"""Distances [m] and angles [rad] that differ by less are equal."""
 _CORNER_SIGNS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _EDGES = np.array([[a, b] for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1])
 
@@ -150,7 +151,6 @@ def nearest_boxes(boxes: OrientedBoxes, row: int, candidates: Indices, count: in
     axes give a lower bound of each gap, so that exact gaps are computed for the nearest few only.
 
     Args:
-        boxes: the boxes.
         row: the box to start from.
         candidates: rows of the boxes that may be returned.
         count: the largest number of rows to return.

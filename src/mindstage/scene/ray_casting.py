@@ -47,6 +47,7 @@ _CAPS_AT_ONCE = 1 << 20
 _WIDE_BUNDLE = 4.0
 """Bundles that are wider than the median by this factor are split into single rays."""
 _PARALLEL = 1e-12
+"""A ray with a smaller component of its direction is parallel to a plane; a fraction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -552,7 +553,7 @@ def _fibonacci_sphere(count: int) -> Array:
 
 # -- liquids ---------------------------------------------------------------------------------------------------------
 
-_HEIGHT_GRID = 48
+_GRID_CELLS = 48
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -612,17 +613,16 @@ def find_depressions(scene: ShapeScene, row: int, low: Array, high: Array) -> De
     through each cell without a shape: depressions are filled as in hydrology (Barnes, Lehman and Mulla 2014).
 
     Args:
-        scene: the shapes.
         row: the body.
         low: the lower corner of its bounds [m].
         high: the upper corner [m].
     """
     if np.count_nonzero(scene.owner == row) < 2 or np.any(high[:2] - low[:2] <= 0.0):
         return None
-    step = (high[:2] - low[:2]) / _HEIGHT_GRID
-    x, y = (low[axis] + (np.arange(_HEIGHT_GRID) + 0.5) * step[axis] for axis in (0, 1))
+    step = (high[:2] - low[:2]) / _GRID_CELLS
+    x, y = (low[axis] + (np.arange(_GRID_CELLS) + 0.5) * step[axis] for axis in (0, 1))
     grid_x, grid_y = np.meshgrid(x, y, indexing="ij")
-    height = scene.top_heights(row, grid_x.reshape(-1), grid_y.reshape(-1)).reshape(_HEIGHT_GRID, _HEIGHT_GRID)
+    height = scene.top_heights(row, grid_x.reshape(-1), grid_y.reshape(-1)).reshape(_GRID_CELLS, _GRID_CELLS)
     level = _filled(np.pad(height, 1, constant_values=-np.inf))[1:-1, 1:-1]
     return Depressions(height, level, (float(step[0]), float(step[1])))
 

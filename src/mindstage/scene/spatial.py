@@ -102,8 +102,8 @@ def find_enclosing_bodies(
 _MIN_INSIDE_FRACTION = 0.8
 _ON_MAX_GAP_M, _ON_MAX_DEPTH_M = 0.005, 0.02
 _ABOVE_MAX_GAP_M = 3.0
-_MIN_FOOTPRINT_OVERLAP = 0.1
-_NEXT_TO_MAX_GAP_M, _MIN_HEIGHT_OVERLAP = 0.25, 0.5
+_MIN_FOOTPRINT_FRACTION = 0.1
+_NEXT_TO_MAX_GAP_M, _MIN_HEIGHT_FRACTION = 0.25, 0.5
 _ROUNDING_TOLERANCE = 1e-9
 """Tolerance of all thresholds, so that the result does not depend on the pose of the scene as a whole."""
 
@@ -272,7 +272,7 @@ class SpatialRelations:
         )
         upper, lower, gap = upper[clear], lower[clear], gap[clear]
         overlap = self._footprint_overlap(upper, lower)
-        over = overlap >= _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
+        over = overlap >= _MIN_FOOTPRINT_FRACTION - _ROUNDING_TOLERANCE
         upper, lower, gap, overlap = upper[over], lower[over], gap[over], overlap[over]
         rests = (
             (gap <= _ON_MAX_GAP_M + _ROUNDING_TOLERANCE)
@@ -296,10 +296,10 @@ class SpatialRelations:
         shared = np.minimum(self._high[a], self._high[b]) - np.maximum(self._low[a], self._low[b])
         lower = np.minimum(self._high[a] - self._low[a], self._high[b] - self._low[b])
         overlap = np.divide(shared, lower, out=np.zeros(len(a)), where=lower > 0.0)
-        level = (overlap >= _MIN_HEIGHT_OVERLAP - _ROUNDING_TOLERANCE) & self._unconnected(a, b)
+        level = (overlap >= _MIN_HEIGHT_FRACTION - _ROUNDING_TOLERANCE) & self._unconnected(a, b)
         a, b, overlap = a[level], b[level], overlap[level]
         covered = self._footprint_overlap(a, b)
-        aside = covered < _MIN_FOOTPRINT_OVERLAP - _ROUNDING_TOLERANCE
+        aside = covered < _MIN_FOOTPRINT_FRACTION - _ROUNDING_TOLERANCE
         a, b, overlap, covered = a[aside], b[aside], overlap[aside], covered[aside]
         gap = np.where(covered > 0.0, 0.0, polygon_gaps(self._footprints, a, b))
         near = gap <= _NEXT_TO_MAX_GAP_M + _ROUNDING_TOLERANCE

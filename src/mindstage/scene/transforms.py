@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mindstage.scene.model import Pose, Vector
+from mindstage.scene.model import Pose, PoseLike, Vector, as_pose
 
 __all__ = [
     "GODOT_FROM_ROS",
@@ -70,10 +70,10 @@ def pose_array(poses: Iterable[Pose]) -> Array:
     return np.array([(*pose.position, *pose.quaternion) for pose in poses], dtype=np.float64).reshape(-1, 7)
 
 
-def normalized_pose_array(pose: Pose) -> Array:
-    """Returns one pose as an array of 7, with a quaternion of norm 1."""
-    row = pose_array([pose])[0]
-    return np.concatenate([row[:3], normalize(row[3:])])
+def normalized_pose_array(pose: PoseLike) -> Array:
+    """Returns one pose as an array of 7, with a quaternion of norm 1; see `as_pose` for what is accepted."""
+    pose = as_pose(pose)
+    return np.array([*pose.position, *normalize(pose.quaternion).tolist()])
 
 
 def pose_from_array(row: ArrayLike) -> Pose:

@@ -8,7 +8,7 @@ from mindstage.simulation.interaction import JointAxisState, JointHandle
 from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
 from mindstage.simulation.observation import ClientDirectory, ConnectedClient
 from mindstage.simulation.simulation import Simulation
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import SimulationBody, StateSnapshot
 from mindstage.simulation.undo import SpawnRecord, UndoHistory, UndoStack
 
 __all__ = [
@@ -24,6 +24,7 @@ __all__ = [
     "Marker",
     "MarkerType",
     "Simulation",
+    "SimulationBody",
     "SimulationImage",
     "SimulationJoint",
     "SpawnNoteKind",
@@ -33,3 +34,5 @@ __all__ = [
     "UndoStack",
     "UnhighlightedItem",
 ]
+
+__dir__ = __all__.copy

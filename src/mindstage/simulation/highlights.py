@@ -21,7 +21,7 @@ from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries import AnswerRow, Answers
 from mindstage.ranges import Fraction, Point, Size, check_fields, checked
 from mindstage.rdf.graphs import local_name
-from mindstage.scene import IDENTITY, BodyId, Color, Pose
+from mindstage.scene import IDENTITY, BodyId, Color, Pose, as_pose
 
 __all__ = [
     "HighlightGroup",
@@ -81,6 +81,7 @@ class Marker(msgspec.Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         check_fields(self)
+        msgspec.structs.force_setattr(self, "pose", as_pose(self.pose))
 
 
 class MarkerStore:

@@ -34,7 +34,7 @@ __all__ = ["JointAxisState", "JointHandle", "Perturbations", "PullTarget", "Spri
 
 _SUBSTEP_S = 0.004
 """The interval at which the force is computed [s]; the spring and damper below are stable at it."""
-_MAX_STIFFNESS = 400.0  # [N/m]
+_MAX_STIFFNESS_N_M = 400.0
 _STIFFNESS_PER_KG = 1500.0  # [N/(m kg)]; a held body sags by 7 mm under gravity
 
 
@@ -77,7 +77,7 @@ def spring_forces(springs: Sequence[SpringPerturbation], held: Array, duration_s
     for each, now in zip(springs, held, strict=True):
         each.held = now
     mass = np.array([[each.mass_kg] for each in springs])
-    stiffness = np.minimum(_MAX_STIFFNESS, _STIFFNESS_PER_KG * mass)
+    stiffness = np.minimum(_MAX_STIFFNESS_N_M, _STIFFNESS_PER_KG * mass)
     damping = 1.4 * np.sqrt(stiffness * mass)
     stretch = np.array([each.target for each in springs]) - held
     force = stiffness * stretch - damping * (held - previous) / np.maximum(duration_s, 1e-6)

@@ -45,7 +45,7 @@ _COMPOUND = {"reset", "clear", "undo", "redo", "place"}
 _UNDONE = {"check rest", "mark start"}
 """Labels of calls that leave the world as it was."""
 _MAX_IDS = 1000
-_MAX_ANSWERS = 200
+_MAX_ANSWER_COUNT = 200
 
 
 @contextmanager
@@ -239,7 +239,7 @@ class Observers:
 
     def report_answers(self, answers: Answers[Any]) -> None:
         """Reports a question with its answers."""
-        rows = [msgspec.to_builtins(row) for row in islice(answers, _MAX_ANSWERS)]
+        rows = [msgspec.to_builtins(row) for row in islice(answers, _MAX_ANSWER_COUNT)]
         details = {"question": answers.question.name, "args": msgspec.to_builtins(dict(answers.args))}
         self.report("question", details=details | {"count": len(answers), "answers": rows})
 

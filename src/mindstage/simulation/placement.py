@@ -66,6 +66,8 @@ class PlacementResult(msgspec.Struct, frozen=True, kw_only=True, rename={"suppor
     """The pose at which it came to rest."""
     attempts: int
     """Number of candidates that were simulated."""
+    expected_rebuild_s: float = 0.0
+    """How long the engine is expected to rebuild its model before time goes on [s]."""
 
 
 def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, size: Vector | None = None) -> Body:

@@ -74,7 +74,7 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.state import StateSnapshot
+from mindstage.simulation.state import SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
@@ -303,7 +303,7 @@ class Simulation:
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
-        return report
+        return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def check_rest(self) -> tuple[MovedBody, ...]:
         """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
@@ -802,11 +802,26 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        return place_item(self, item, on=on, into=into, near=near)
+        placed = place_item(self, item, on=on, into=into, near=near)
+        return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def fit_geometry(self, body: Body) -> BodyGeometry | None:
         """The geometry that a body would have, without fitting it to other bodies."""
         return self._geometry_provider.fit(World(iri=body.iri, bodies=(body,))).geometry.get(body.id)
+
+    def body(self, id: str) -> SimulationBody:
+        """A body whose state can be read: `sim.body("cup").pose`.
+
+        Args:
+            id: the id or IRI of a body.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+        """
+        found = find_body(self, id)
+        if found is None:
+            raise BodyNotFoundError(id, known=self.state.ids)
+        return SimulationBody(self, found)
 
     def joint(self, id: str) -> SimulationJoint:
         """A joint that can be opened, closed and moved: `sim.joint("fridge_door").open()`.
@@ -1156,6 +1171,7 @@ class Simulation:
 
     def _read_state(self) -> StateSnapshot:
         ids, poses = self._engine.poses()
+        poses.flags.writeable = False
         clock, highlights = self._clock, self._engine.highlights()
         return StateSnapshot(
             time_s=self._engine.time_s,

@@ -11,12 +11,13 @@ from typing import Protocol, TypeVar
 import msgspec
 
 from mindstage.engines.base import Capability, Engine, EngineStats, PoseArray, SpawnReport
+from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Vector, World
-from mindstage.scene.transforms import Array, normalize
+from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
+from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation.highlights import HighlightGroup, Marker
 
-__all__ = ["EngineSession", "StateSnapshot", "WorldSession", "poses_in"]
+__all__ = ["EngineSession", "SimulationBody", "StateSnapshot", "WorldSession", "find_body", "poses_in"]
 
 T = TypeVar("T")
 
@@ -29,7 +30,7 @@ class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
     ids: tuple[BodyId, ...]
     """The bodies that exist."""
     poses: PoseArray
-    """n x 7: position [m] and quaternion (w, x, y, z) in the world frame, in the order of `ids`."""
+    """n x 7: position [m] and quaternion (w, x, y, z) in the world frame, in the order of `ids`; read-only."""
     highlights: Mapping[BodyId, Color]
     """The color of each highlighted body."""
     highlight_groups: tuple[HighlightGroup, ...]
@@ -84,6 +85,41 @@ class WorldSession(Protocol):
         """Runs a function on the engine, in the thread that owns it."""
 
 
+class SimulationBody:
+    """A body of a simulation; made by `Simulation.body`. It reads the latest published state, without waiting."""
+
+    def __init__(self, session: WorldSession, id: BodyId) -> None:
+        """Reads nothing yet.
+
+        Args:
+            session: the simulation.
+            id: the id of the body.
+        """
+        self.id = id
+        self._session = session
+
+    @property
+    def exists(self) -> bool:
+        """Whether it is in the simulation."""
+        return self.id in self._session.state.ids
+
+    @property
+    def pose(self) -> Pose:
+        """Its pose in the world frame.
+
+        Raises:
+            BodyNotFoundError: it was deleted.
+        """
+        state = self._session.state
+        if self.id not in state.ids:
+            raise BodyNotFoundError(self.id, known=state.ids)
+        return pose_from_array(state.poses[state.ids.index(self.id)])
+
+    def __repr__(self) -> str:
+        at = ", ".join(f"{part:.3f}" for part in self.pose.position) if self.exists else ""
+        return f"<{type(self).__name__} {self.id}{f' at ({at}) m' if at else ', deleted'}>"
+
+
 class EngineSession(WorldSession, Protocol):
     """The part of `Simulation` that placement, undo and joint motion use."""
 
@@ -124,6 +160,15 @@ class EngineSession(WorldSession, Protocol):
 
     def reset(self) -> None:
         """Restores the state after the last persistent spawn."""
+
+
+def find_body(simulation: WorldSession, name: str) -> BodyId | None:
+    """The id of the body with that id or IRI; None if there is none."""
+    ids = simulation.state.ids
+    if name in ids:
+        return BodyId(name)
+    named = (body.id for world in simulation.worlds for body in world.bodies if body.iri == name)
+    return next((id for id in named if id in ids), None)
 
 
 def poses_in(snapshot: StateSnapshot, ids: Container[BodyId]) -> dict[BodyId, Array]:

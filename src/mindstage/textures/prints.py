@@ -25,6 +25,7 @@ __all__ = ["book_cover", "book_spine", "clock_face", "package_top", "package_wra
 _PIXELS_PER_M = 2000
 _MAX_PIXELS = 768
 _DARK, _LIGHT = (40, 38, 42), (252, 250, 244)
+"""These are colors."""
 
 _Rgb = tuple[int, int, int]
 _Box = tuple[float, float, float, float]

@@ -3,3 +3,5 @@
 from mindstage.viewer.viewer import Viewer
 
 __all__ = ["Viewer"]
+
+__dir__ = __all__.copy

@@ -102,7 +102,6 @@ class AddHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             session_views: the views of pages.
             picker: finds what is at the pointer.

@@ -150,7 +150,6 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
 
     Args:
         kb: the knowledge base that was queried.
-        answers: the answers.
         bodies: ids of bodies by the IRI of the individual.
         title: the title of the table.
     """

@@ -70,11 +70,7 @@ class ClassCatalog:
     """The catalog of a simulation's knowledge; may be used from any thread."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Reads nothing yet.
-
-        Args:
-            simulation: the simulation.
-        """
+        """Reads nothing yet."""
         self._simulation = simulation
         self._lock = threading.Lock()
         self._knowledge: KnowledgeBase | None = None

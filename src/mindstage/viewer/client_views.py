@@ -61,14 +61,14 @@ __all__ = [
 ]
 
 
-_ACCENT = (232, 93, 4)
+_ACCENT_COLOR = (232, 93, 4)
 _PREVIEW_OPACITY = 0.35
 _GHOST_OPACITY = 0.6
 _FREE_COLOR, _BLOCKED_COLOR = (46, 150, 90), (205, 50, 40)
-_PRECISION = 0.1
+_PRECISION_FACTOR = 0.1
 _SAME_CAMERA_M = 1e-3
 _CAMERA_MOVE_S = 0.6
-_SELECTED_COLORS = ((250, 160, 90), _ACCENT)
+_SELECTED_COLORS = ((250, 160, 90), _ACCENT_COLOR)
 """Colors of the boxes of selected bodies: of the further ones, and of the one whose details are shown."""
 _PART_COLOR = (222, 190, 168)
 _BOX_EDGES = 12
@@ -107,7 +107,7 @@ class Snapping(msgspec.Struct, frozen=True, kw_only=True):
         sine = float(np.linalg.norm(turn[1:]))
         angle = 2.0 * float(np.arctan2(sine, turn[0]))
         if self.precise:
-            offset, angle = _PRECISION * offset, _PRECISION * angle
+            offset, angle = _PRECISION_FACTOR * offset, _PRECISION_FACTOR * angle
         else:
             if self.step_m > 0.0:
                 moved = np.abs(offset) > 1e-6  # an axis along which the gizmo is not moved stays exactly as it is
@@ -126,8 +126,6 @@ class PlaceCallback(Protocol):
         """Moves the body, and the other selected ones with it.
 
         Args:
-            client: the client.
-            id: the body.
             pose: its new pose.
             to_surface: whether to put it down on what is below it.
         """
@@ -383,7 +381,7 @@ class ClientView:
                 f"/previews/{quote(id, safe='')}",
                 mesh.points.astype(np.float32),
                 mesh.faces,
-                color=_ACCENT,
+                color=_ACCENT_COLOR,
                 opacity=_PREVIEW_OPACITY,
                 cast_shadow=False,
                 receive_shadow=False,
@@ -471,14 +469,14 @@ class ClientView:
         for node in self._measurement:
             node.remove()
         self._measurement = [
-            self._scene.add_icosphere(f"/measurement/{row}", radius=0.012, color=_ACCENT, position=point)
+            self._scene.add_icosphere(f"/measurement/{row}", radius=0.012, color=_ACCENT_COLOR, position=point)
             for row, point in enumerate(points)
         ]
         if len(points) == 2:
             segment = np.array([points], dtype=np.float32)
             name = "/measurement/line"
             self._measurement.append(
-                self._scene.add_line_segments(name, segment, _ACCENT, thickness=2.5, thickness_units="screen")
+                self._scene.add_line_segments(name, segment, _ACCENT_COLOR, thickness=2.5, thickness_units="screen")
             )
             middle = _vector(np.mean(points, axis=0))
             self._measurement.append(self._scene.add_label("/measurement/label", text, position=middle))
@@ -914,12 +912,6 @@ class ClientViews:
             view.step_camera()
             if self._culling is not None:
                 view.cull(self._culling, self._highlighted, self._instances)
-
-    def wait_idle(self, *, timeout_s: float) -> bool:
-        """Waits until all actions enqueued so far are executed; False if that takes too long."""
-        done = threading.Event()
-        self._enqueue(done.set)
-        return done.wait(timeout_s)
 
     # -- internals -----------------------------------------------------------------------------------------------------
 

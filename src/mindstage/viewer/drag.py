@@ -94,7 +94,6 @@ class DragController:
 
         Args:
             session: the client.
-            id: the body.
             world_point: the point of application, in the world frame [m].
         """
         pose = _pose_of(self._simulation.state, id)

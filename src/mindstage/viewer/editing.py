@@ -36,6 +36,7 @@ _Meters = Annotated[float, msgspec.Meta(ge=-10_000.0, le=10_000.0)]
 _SLIDER_SETTLE_S = 2.0
 """Time for which a joint is pulled on after its slider was released [s]."""
 _JOINT_TOLERANCE = 0.004
+"""At which distance from its goal a joint has reached it [m or rad]."""
 _CLEARANCE_M = 0.001
 
 
@@ -180,7 +181,6 @@ class EditHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             find_joint: returns the handle of a joint.
         """
@@ -243,7 +243,6 @@ class EditHandler:
         """Moves a body, and the other selected ones rigidly with it, as one edit.
 
         Args:
-            id: the body.
             pose: its new pose.
             selection: the selected bodies; those that are parts of others move with those.
             below: finds what is below a point, to put the body down on it; None keeps the pose.

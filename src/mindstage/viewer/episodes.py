@@ -249,7 +249,6 @@ class TimelineHandler:
         """Registers the requests, and begins to detect events.
 
         Args:
-            replay: the replay.
             channel: the channel of the pages.
             server: the server of the scene.
             nodes: the nodes of ghosts, which only `update` uses.

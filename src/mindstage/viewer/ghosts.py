@@ -219,7 +219,6 @@ class ImaginationGhosts:
 
         Args:
             simulation: the original.
-            snapshot: its state.
             appearances: how its bodies are drawn; what exists in a copy only is not drawn.
 
         Returns:

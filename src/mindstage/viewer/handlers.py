@@ -82,7 +82,6 @@ class FileHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -204,7 +203,6 @@ class WorldHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -226,7 +224,6 @@ class WorldHandler:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
-            world: the world.
             enclosing: bodies that are drawn as outlines.
         """
         joints: dict[BodyId, list[Joint]] = {}
@@ -550,7 +547,6 @@ class Handlers:
         """Registers all requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             views: the views of all clients.
             server: the server of both.
@@ -581,7 +577,6 @@ class Handlers:
         """Moves a body, and the other selected ones rigidly with it, as one edit.
 
         Args:
-            id: the body.
             pose: its new pose.
             selection: the selected bodies.
             to_surface: whether to put the body down on what is below it.
@@ -599,7 +594,6 @@ class Handlers:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
-            world: the world.
             enclosing: bodies that are drawn as outlines.
         """
         self._world.on_rebuild(world, enclosing=enclosing)

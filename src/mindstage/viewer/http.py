@@ -153,7 +153,6 @@ class RequestFilter:
 
         Args:
             path: the path of the request, with its query.
-            headers: the headers of the request.
             visitor: where the request comes from; by default this machine.
             now_s: the time, of any clock [s].
         """
@@ -170,7 +169,6 @@ class RequestFilter:
 
         Args:
             path: the path of the request, with its query.
-            headers: the headers of the request.
             visitor: where the request comes from; by default this machine.
             now_s: the time, of any clock [s].
         """
@@ -328,7 +326,6 @@ class ViserPage:
         """Answers a request for the page.
 
         Args:
-            headers: the headers of the request.
             response_headers: additional headers of the response.
         """
         sent = {

@@ -20,7 +20,7 @@ from mindstage.access.limits import PLAN_CHARACTERS
 from mindstage.access.policies import READ, RUN, SPAWN
 from mindstage.access.resources import without_paths
 from mindstage.errors import InvalidArgumentError, MindstageError
-from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine
+from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine, validate_plan
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
@@ -180,7 +180,7 @@ class ImagineHandler:
     def _checked_plan(self, text: str) -> PlanFile:
         plan = plan_from_text(text)
         with physical_simulation(self._simulation) as simulation:
-            plan.validate(simulation)
+            validate_plan(plan, simulation)
         return plan
 
     def _run_in_thread(self, run: Callable[..., None], options: Mapping[str, Any], state: dict[str, object]) -> None:

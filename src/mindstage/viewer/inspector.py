@@ -133,10 +133,8 @@ def body_details(
     """Collects the details of a body.
 
     Args:
-        body: the body.
         world: the world that contains it.
         ancestors: superclasses of its class, nearest first.
-        joints: its joints.
         storage_places: storage places of its class.
         geometry: name of its geometry and the reason for it.
     """
@@ -168,9 +166,7 @@ def live_details(id: BodyId, poses: Mapping[BodyId, Array], joints: Iterable[Joi
     """Collects the pose and joint positions of a body, rounded so that numerical noise causes no updates.
 
     Args:
-        id: the body.
         poses: poses of the body and of those it is joined to, 7 each.
-        joints: its joints.
     """
     x, y, z, *quaternion = poses[id].tolist()
     row = [round(number, _POSITION_DIGITS) + 0.0 for number in (x, y, z)]
@@ -252,7 +248,6 @@ def scene_tree(world: World, *, engine: str, enclosing: Container[BodyId] = ()) 
     """Builds the tree of a world: parents are the bodies that others are attached or joined to.
 
     Args:
-        world: the world.
         engine: name of the engine.
         enclosing: bodies that enclose the scene.
     """
@@ -378,7 +373,6 @@ class StatusHandler:
         """Registers `status.report`.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
@@ -494,7 +488,6 @@ class TourHandler:
         """Registers the request.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             camera: returns where the camera of a session is, and what it looks at.
         """

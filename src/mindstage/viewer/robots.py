@@ -265,8 +265,6 @@ class _GripperHandle:
 
         Args:
             server: the server of the scene.
-            robot: the robot.
-            arm: the arm.
             on_drag: called in a thread of the server after each motion of the handle.
         """
         self.robot, self.arm = robot, arm

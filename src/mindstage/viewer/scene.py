@@ -72,7 +72,6 @@ class NodeCallback(Protocol):
         """Registers mouse callbacks.
 
         Args:
-            node: the node.
             pick: returns the body of a mouse event.
             draggable: whether its bodies can be dragged.
         """
@@ -585,7 +584,6 @@ class MarkerNodes:
         """Shows these markers, and removes all others. A marker of which only the pose changed is moved.
 
         Args:
-            markers: the markers.
             appearances: the appearances of bodies, for markers that are copies of them.
         """
         wanted = {marker.id: marker for marker in markers}
@@ -925,6 +923,7 @@ class ViewerScene:
 
 
 _ALL_SIDES = -1
+"""The code of a wall that is drawn from all sides."""
 
 
 def _visible_area(appearance: BodyAppearance) -> float:

@@ -53,7 +53,7 @@ from mindstage.access.limits import (
     RpcLimits,
     VisitorLimits,
 )
-from mindstage.access.policies import CONTROL, EntryKind, EntryPoint, Policy
+from mindstage.access.policies import CONTROL, Cost, EntryKind, EntryPoint, Policy
 from mindstage.access.ports import PAGE_PORT, is_taken, moved_text, ports_to_try, unavailable_text
 from mindstage.access.resources import without_paths
 from mindstage.access.visitors import TokenBucket, Visitor
@@ -126,7 +126,6 @@ class BoundedExecutor:
         """Calls a function and returns its result.
 
         Args:
-            function: the function.
             label: what it computes, for error messages.
 
         Raises:
@@ -439,13 +438,21 @@ class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class RpcChannel:
     """Requests from and events to all pages. Methods may be called from any thread."""
 
-    def __init__(self, limits: RpcLimits = RpcLimits()) -> None:  # noqa: B008 - frozen
+    def __init__(
+        self,
+        limits: RpcLimits = RpcLimits(),  # noqa: B008 - frozen
+        *,
+        expected_rebuild_s: Callable[[], float] = lambda: 0.0,
+    ) -> None:
         """Creates a channel without methods and sessions.
 
         Args:
             limits: limits of what pages send.
+            expected_rebuild_s: how long the model is expected to be rebuilt before time goes on [s]; it is part of the
+                answers to all requests that may edit the world.
         """
         self.limits = limits
+        self._expected_rebuild_s = expected_rebuild_s
         self._methods: dict[str, _Method] = {}
         self._states: dict[str, bytes] = {}
         self._sessions: dict[str, ClientSession] = {}
@@ -625,7 +632,12 @@ class RpcChannel:
         try:
             with as_client(CLIENT):
                 result = method.handler(session, arguments) if later is None else later.finish()
-                return result if isinstance(result, Later) else encode_json({"id": request.id, "result": result})
+                if isinstance(result, Later):
+                    return result
+                answer: dict[str, object] = {"id": request.id, "result": result}
+                if method.policy.cost in (Cost.EDIT, Cost.FILE):
+                    answer["expected_rebuild_s"] = round(self._expected_rebuild_s(), 3)
+                return encode_json(answer)
         except MindstageError as error:
             return _error_message(
                 request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())

@@ -24,6 +24,7 @@ _PREFIX = "/mindstage/"
 BLOCK_SIZE = 64
 """Number of nodes whose poses are sent together: fewer make an update of many nodes slower, more one of few larger."""
 _POSE_LENGTH = 7
+"""The number of values of a pose: x y z and w x y z."""
 
 
 def send_view_data(scene: viser.SceneApi, topic: str, values: Mapping[str, Any]) -> None:

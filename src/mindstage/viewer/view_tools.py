@@ -110,7 +110,6 @@ class PointerPicker:
         """Reads nothing yet.
 
         Args:
-            simulation: the simulation.
             views: how bodies are drawn, and which are hidden.
         """
         self._simulation, self._views = simulation, views
@@ -288,7 +287,6 @@ class ViewToolHandler:
         """Registers the requests.
 
         Args:
-            simulation: the simulation.
             channel: the channel of the pages.
             session_views: the views of pages.
             picker: finds what rays meet.

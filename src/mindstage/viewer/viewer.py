@@ -27,7 +27,6 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import compute_appearance, find_outlines
 from mindstage.rendering.camera import FramingTarget, ground_height, initial_target
 from mindstage.rendering.render_scene import described_world
-from mindstage.rendering.screenshot import Screenshot
 from mindstage.scene import BodyId, BodyPhysics, Iri, Pose, Vector, World
 from mindstage.scene.transforms import Array
 from mindstage.simulation import Simulation, SpawnNoteKind, StateSnapshot
@@ -42,7 +41,6 @@ from mindstage.viewer.http import texture_path
 from mindstage.viewer.imagine import ImagineHandler
 from mindstage.viewer.robots import RobotHandler
 from mindstage.viewer.scene import Clickable, MarkerNodes, Pick, ViewerScene
-from mindstage.viewer.screenshot import ScreenshotTaker
 from mindstage.viewer.server import CLIENT, RpcChannel, address, serve, shut_down
 
 if TYPE_CHECKING:
@@ -99,7 +97,7 @@ class Viewer:
             ViewerUnavailableError: the host or port cannot be served; a port that was given is not replaced.
         """
         self._simulation = simulation
-        self.channel = RpcChannel()
+        self.channel = RpcChannel(expected_rebuild_s=lambda: simulation.state.expected_rebuild_s)
         """The RPC channel of all pages."""
         self._token = token
         self._server = serve(
@@ -167,7 +165,7 @@ class Viewer:
         """Shows where bodies end in the samples of a verdict, and its first failing sample, as ghosts in all views.
 
         Returns:
-            The positions of the ghosts [m], which `Screenshot.focus_points` frames.
+            The positions of the ghosts [m], which `views.focus_points` frames.
         """
         return self._imagine.show(verdict)
 
@@ -182,22 +180,6 @@ class Viewer:
             remedy = "view an EpisodeReplay"
             raise InvalidArgumentError("the path", cause="the simulation is no recording", remedy=remedy)
         self._timeline.show_trail(id)
-
-    def screenshot(self, screenshot: Screenshot | None = None) -> bytes:
-        """Takes a picture of the page or of the 3D view alone.
-
-        Args:
-            screenshot: what to show, such as `Screenshot(size=(800, 600), clip_height=1.8)`.
-
-        Returns:
-            The bytes of a PNG file.
-
-        Raises:
-            BrowserNotFoundError: no browser is installed, or it does not start.
-            BrowserCrashedError: the browser has exited, or the picture was not finished in time.
-            BodyNotFoundError: a body of the screenshot does not exist.
-        """
-        return ScreenshotTaker(self._server, self.views, token=self._token).take(screenshot or Screenshot())
 
     def close(self) -> None:
         """Stops serving; calling it again is harmless. The simulation stays open."""

@@ -219,7 +219,68 @@ def test_bodies_of_mjcf_with_several_joints_off_their_origin(tmp_path: Path) -> 
         assert quat_angle(pose[3:], data.body("r:arm").xquat) < 1e-7
 
 
+ARM = '<mujoco><worldbody><body name="arm"><geom size="0.1" mass="1"/></body></worldbody></mujoco>'
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+BODY = '<worldbody><body name="arm"><geom type="mesh" mesh="m"/></body></worldbody>'
+MESH = f'<asset><mesh name="m" file="{{}}"/></asset>{BODY}'
+ATTACH = '<worldbody><attach model="s" prefix="p"/></worldbody>'
+NAMING = {
+    "include": '<include file="../other/arm.xml"/>',
+    "backslashes": '<include file="..\\other\\arm.xml"/>',
+    "absolute": '<include file="{other}/arm.xml"/>',
+    "symbolic link": '<include file="link.xml"/>',
+    "nested": '<include file="parts/nested.xml"/>',
+    "model": f'<asset><model name="s" file="../other/arm.xml"/></asset>{ATTACH}',
+    "mesh": MESH.format("../other/m.obj"),
+    "folder of meshes": '<compiler meshdir="../other"/>' + MESH.format("m.obj"),
+    "folder of an included file": '<include file="parts/folder.xml"/>' + MESH.format("m.obj"),
+    "stripped path": '<compiler assetdir="../other" strippath="true"/>' + MESH.format("no/m.obj"),
+}
+
+
+@pytest.mark.parametrize("kind", NAMING)
+def test_an_mjcf_file_names_files_of_its_folder_and_of_granted_ones_only(tmp_path: Path, kind: str) -> None:
+    other, robot = tmp_path / "other", tmp_path / "robot"
+    (robot / "parts").mkdir(parents=True)
+    other.mkdir()
+    (other / "arm.xml").write_text(ARM)
+    (other / "m.obj").write_text(OBJ)
+    (robot / "link.xml").symlink_to(other / "arm.xml")
+    (robot / "parts" / "nested.xml").write_text('<mujoco><include file="../../other/arm.xml"/></mujoco>')
+    (robot / "parts" / "folder.xml").write_text('<mujoco><compiler meshdir="../other"/></mujoco>')
+    path = written(robot, f"<mujoco>{NAMING[kind].replace('{other}', str(other))}</mujoco>", "robot.xml")
+    with pytest.raises(RobotModelError, match=r"it names '.*', which is not in its folder; copy that file"):
+        load_model(path)
+    assert any(link.name.endswith("arm") for link in load_model(path, folders=[other]).links)
+
+
+def test_an_mjcf_file_names_files_below_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "parts" / "meshes").mkdir(parents=True)
+    (tmp_path / "parts" / "meshes" / "m.obj").write_text(OBJ)
+    compiler = '<compiler meshdir="parts/meshes"/>'
+    (tmp_path / "parts" / "arm.xml").write_text(f"<mujoco>{compiler}{MESH.format('../meshes/m.obj')}</mujoco>")
+    path = written(tmp_path, '<mujoco><include file="parts/arm.xml"/></mujoco>', "robot.xml")
+    (link,) = (link for link in load_model(path).links if link.name == "arm")
+    assert link.geometry.collision_shapes
+
+
 # -- what a description says -------------------------------------------------------------------------------------------
+
+
+def test_the_group_of_the_head_is_its_head_whatever_its_joints_are_called(tmp_path: Path) -> None:
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for name, parent, child in (("pan", "a", "b"), ("tilt", "b", "c"), ("neck", "a", "d"))
+    )
+    links = "".join(f'<link name="{name}">{BOX}</link>' for name in "abcd")
+    path = written(tmp_path, f'<robot name="r">{links}{joints}</robot>')
+    head = load_model(path).head
+    assert (head.joints, head.link) == (("neck",), "d"), "by its name"
+    group = '<group name="head"><joint name="pan"/><joint name="tilt"/></group>'
+    written(tmp_path, f'<robot name="r">{group}</robot>', "robot.srdf")
+    head = load_model(path).head
+    assert (head.joints, head.link) == (("pan", "tilt"), "c")
 
 
 def test_limits_and_dynamics_of_a_joint(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from mindstage.robots.drives import drives_of
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_tree import shape_points
 from mindstage.robots.models.model import BaseType, RobotJointType, RobotModel
+from mindstage.robots.models.reading import load_model
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry
@@ -95,6 +98,60 @@ def test_joints_move_links_as_forward_kinematics_says() -> None:
     for link, pose in link_poses(model.joints, positions, model.root).items():
         expected = pose_multiply(root, pose)
         np.testing.assert_allclose(poses[rows[placed.link_ids[link]]][:3], expected[:3], atol=1e-3, err_msg=link)
+    engine.close()
+
+
+AXES = ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0.6, 0, -0.8), (-0.6, 0.64, 0.48))
+
+
+def made_up_model(folder: Path, axis: tuple[float, ...], type: str) -> RobotModel:
+    """A fixed robot with a joint that is turned in all directions, whose limits are not symmetric, and one after it."""
+    box = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    joint = (
+        '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="0.3 0.2 0.9" rpy="0.3 -0.2 0.5"/>'
+        '<axis xyz="{}"/><limit lower="-0.2" upper="0.7" effort="500" velocity="3"/></joint>'
+    )
+    x, y, z = axis
+    path = folder / "robot.urdf"
+    path.write_text(
+        '<robot name="r"><link name="world"/><joint name="fix" type="fixed"><parent link="world"/><child link="a"/>'
+        f'</joint><link name="a">{box}</link>'
+        + "".join(f'<link name="{name}">{box}{inertial}</link>' for name in "bc")
+        + joint.format("first", type, "a", "b", f"{x} {y} {z}")
+        + joint.format("second", "revolute", "b", "c", f"{z} {x} {y}")
+        + "</robot>",
+        encoding="utf-8",
+    )
+    return load_model(path)
+
+
+@pytest.mark.parametrize("axis", AXES, ids=str)
+@pytest.mark.parametrize("type", ["revolute", "prismatic"])
+def test_a_joint_of_any_axis_moves_its_link_to_either_limit_and_no_farther(
+    tmp_path: Path, axis: tuple[float, ...], type: str
+) -> None:
+    model = made_up_model(tmp_path, axis, type)
+    placed = robot_world(model, HERE, name="robot")
+    engine = spawned(placed)
+    drives_of(model, placed, name="robot").add_to(engine)
+    ids, poses = engine.poses()
+    rows = {id: row for row, id in enumerate(ids)}
+    root = poses[rows[placed.link_ids["a"]]].copy()
+    for wanted, reached in (({"first": 0.5, "second": -0.1}, (0.5, -0.1)), ({"first": -2, "second": 2}, (-0.2, 0.7)),
+                            ({"first": 2, "second": -2}, (0.7, -0.2))):  # fmt: skip
+        engine.set_commands({name: position - placed.zero[name] for name, position in wanted.items()})
+        engine.step(3.0)
+        states = engine.actuator_states()
+        found = {name: states[name].position + placed.zero[name] for name in wanted}
+        assert tuple(found.values()) == pytest.approx(reached, abs=0.03)
+        local = link_poses(model.joints, found, model.root)
+        for link in "bc":
+            expected, pose = pose_multiply(root, local[link]), engine.poses()[1][rows[placed.link_ids[link]]]
+            np.testing.assert_allclose(pose[:3], expected[:3], atol=2e-3, err_msg=link)
+            assert quat_angle(pose[3:], expected[3:]) < 2e-3
     engine.close()
 
 

@@ -240,6 +240,7 @@ GeomOptions = dict[str, Any]
 """Keyword arguments of `MjsBody.add_geom`."""
 
 _FRICTION = (0.8, 0.005, 0.0001)
+"""Default sliding friction, which is dimensionless, and torsional and rolling friction [m]."""
 _DEFAULT_CONTACT: GeomOptions = {}
 _NO_CONTACT: GeomOptions = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
 _MAX_FRICTION = 100.0
@@ -451,6 +452,7 @@ _MIMIC_SOLREF = (0.005, 1.0)
 _IDENTITY_POSE = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _DIRECTIONS = np.eye(3)
 _IDENTITY_QUATERNION = [1.0, 0.0, 0.0, 0.0]
+"""As w x y z."""
 
 
 class _SpecBuilder:

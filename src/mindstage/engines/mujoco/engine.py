@@ -340,7 +340,7 @@ class ModelCache:
             roots = compiled.model.body_rootid
             if roots[compiled.model.geom_bodyid[geom_id[0]]] == roots[body_id]:
                 continue  # it hits a part of itself
-            gained = 2 * _GRAVITY * distance_m * max(-float(direction[2]), 0.0)
+            gained = 2 * _GRAVITY_M_S2 * distance_m * max(-float(direction[2]), 0.0)
             speed = float(np.sqrt(speeds[row] ** 2 + gained))
             obstacle_m = 2 * float(compiled.model.geom_aabb[geom_id[0], 3:].min())
             if speed * _CONTACT_DURATION_S > (thickness_m + obstacle_m) / 2:
@@ -451,7 +451,7 @@ _MIN_FAST_SPEED = 0.5
 """Slower bodies pass through nothing [m/s]."""
 _CONTACT_DURATION_S = 0.007
 """How long a body moves on after a contact began, measured for cubes of 2 to 30 cm that fall on plates [s]."""
-_GRAVITY = 9.81
+_GRAVITY_M_S2 = 9.81
 _MAX_UNCHECKED_STEPS = 50
 """Number of time steps after which falling bodies are checked."""
 _MAX_BEYOND_LIMIT = 0.05

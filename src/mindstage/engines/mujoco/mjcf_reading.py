@@ -1,20 +1,26 @@
 """Reading of MJCF files as plain records, by MuJoCo's own parser and compiler.
 
 The compiler resolves defaults, includes, Euler angles, meshes and inertias; what is read here is the compiled model.
-The frames are those of the bodies in the file.
+The frames are those of the bodies in the file. The files that it names must be in its folder, below it, or in folders
+that the caller grants.
 """
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.access.resources import is_inside
 from mindstage.errors import RobotModelError, without_surrogates
 from mindstage.scene import Color
 from mindstage.scene.transforms import Array
@@ -22,6 +28,9 @@ from mindstage.scene.transforms import Array
 __all__ = ["MjcfBody", "MjcfGeom", "MjcfGeomType", "MjcfJoint", "MjcfJointType", "MjcfModel", "read_mjcf"]
 
 _MAX_BYTES = 64 * 1024 * 1024
+_MAX_INCLUDED = 1000
+"""Largest number of MJCF files that make one model."""
+_REMEDY = "correct the file, or give the files that it includes"
 
 
 class MjcfJointType(StrEnum):
@@ -116,22 +125,96 @@ class MjcfModel:
     """Pairs of bodies that do not collide, the lower name first."""
 
 
-def read_mjcf(path: Path) -> MjcfModel:
+def read_mjcf(path: Path, *, folders: Iterable[Path] = ()) -> MjcfModel:
     """Reads an MJCF file.
 
+    Args:
+        path: the file.
+        folders: where files that it names may be, besides its own folder.
+
     Raises:
-        RobotModelError: MuJoCo cannot read or compile it.
+        RobotModelError: MuJoCo cannot read or compile it, or it names a file that is not in these folders.
     """
-    remedy = "correct the file, or give the files that it includes"
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise RobotModelError(str(path), cause=f"it has more than {_MAX_BYTES // 1024**2} MB", remedy=remedy)
+        _References(path, (path.parent, *folders)).check()
         model = mujoco.MjModel.from_xml_path(str(path))
     except OSError as error:
-        raise RobotModelError(str(path), cause=error.strerror or str(error), remedy=remedy) from error
+        raise RobotModelError(str(path), cause=error.strerror or str(error), remedy=_REMEDY) from error
     except ValueError as error:
-        raise RobotModelError(str(path), cause=" ".join(str(error).split()), remedy=remedy) from error
+        raise RobotModelError(str(path), cause=" ".join(str(error).split()), remedy=_REMEDY) from error
     return _MjcfReader(model, without_surrogates(path.stem)).read()
+
+
+class _Reference(NamedTuple):
+    """A file that an MJCF file names."""
+
+    name: str
+    folder: Path
+    """That of the file that names it."""
+    is_mjcf: bool
+
+
+class _References:
+    """The files that an MJCF file, and those that it includes, name.
+
+    MuJoCo tries several folders for a name, depending on settings that any of the files may change; here each
+    combination counts that is an existing file.
+    """
+
+    def __init__(self, path: Path, granted: Iterable[Path]) -> None:
+        self.path, self.granted = path, tuple(granted)
+        self._files: dict[str, None] = {}
+        self._references: dict[_Reference, None] = {}
+        self._directories = {"": None}
+
+    def check(self) -> None:
+        """Checks that all are in granted folders.
+
+        Raises:
+            RobotModelError: one is not, or a file cannot be parsed.
+            OSError: a file cannot be read.
+        """
+        self._add(self.path)
+        counts = None
+        while counts != (len(self._references), len(self._directories)):
+            counts = len(self._references), len(self._directories)
+            for reference in tuple(self._references):
+                for file in self._candidates(reference):
+                    if not any(is_inside(file, folder) for folder in self.granted):
+                        cause = f"it names {reference.name!r}, which is not in its folder"
+                        remedy = "copy that file into the folder, or give its folder as one of `folders`"
+                        raise RobotModelError(str(self.path), cause=cause, remedy=remedy)
+                    if reference.is_mjcf:
+                        self._add(file)
+
+    def _add(self, path: Path) -> None:
+        """Adds what one MJCF file names."""
+        if os.path.normpath(path) in self._files:
+            return
+        self._files[os.path.normpath(path)] = None
+        if len(self._files) > _MAX_INCLUDED:
+            raise RobotModelError(str(self.path), cause=f"it has more than {_MAX_INCLUDED} files", remedy=_REMEDY)
+        if path.stat().st_size > _MAX_BYTES:
+            raise RobotModelError(str(path), cause=f"it has more than {_MAX_BYTES // 1024**2} MB", remedy=_REMEDY)
+        try:
+            root = ElementTree.fromstring(path.read_bytes().lstrip())
+        except (ElementTree.ParseError, ValueError, LookupError) as error:
+            raise RobotModelError(str(path), cause=f"it is no XML: {error}", remedy=_REMEDY) from error
+        for element in root.iter():
+            for key, value in element.attrib.items():
+                name = value.replace("\\", "/")
+                if key.startswith("file"):
+                    self._references[_Reference(name, path.parent, element.tag in ("include", "model"))] = None
+                elif key.endswith("dir"):
+                    self._directories[name] = None
+
+    def _candidates(self, reference: _Reference) -> Iterator[Path]:
+        """The existing files that a name may stand for."""
+        names = dict.fromkeys((reference.name, reference.name.rpartition("/")[2]))  # `strippath`
+        folders = dict.fromkeys((self.path.parent, reference.folder))
+        for folder, directory, name in product(folders, self._directories, names):
+            if name and (file := folder / directory / name).is_file():
+                yield file
 
 
 class _MjcfReader:

@@ -134,6 +134,7 @@ _NO_REASON = "Unreal's plugin did not spawn it, without a reason"
 
 
 _CENTERED: Vector = (0.0, 0.0, 0.0)
+"""The pivot in the center of a body [m]."""
 
 
 def _pose_of_pivot(pose: Pose, pivot: Vector) -> Pose:

@@ -100,7 +100,6 @@ def build_geometry(
     """Returns geometry that fits a size exactly.
 
     Args:
-        template: the shape.
         size: extents along the axes of the body [m].
         up: the side of the body that faces up in normal use.
         front: the side from which the body is viewed, opened or pulled.

@@ -94,7 +94,6 @@ def merge_narrow_strips(low: Array, high: Array, holes: Sequence[Hole], min_widt
     Args:
         low: lower corner of the plate, in its plane [m].
         high: upper corner of the plate [m].
-        holes: the holes.
         min_width: the smallest width of strips [m].
     """
     starts, ends = (np.array([hole[end] for hole in holes]).reshape(-1, 2) for end in (0, 1))
@@ -403,6 +402,7 @@ _SEGMENTS_BY_RADIUS = ((0.03, 32), (0.012, 20), (0.0, 12))
 """Smallest radius [m] and number of points of circles."""
 _EPSILON_M = 1e-9
 _EXACT = 1e-12
+"""Bounds that differ by less are equal [m]."""
 
 _BLOCK_FACES = np.array(
     [
@@ -688,7 +688,6 @@ class GeometryBuilder:
             cuts: coordinates that divide it into cells along the two axes after the thin one [m].
             kept: which of the cells are present.
             thickness: its start and end along the thin axis [m].
-            thin_axis: the thin axis (0, 1, 2).
             collides: whether to add collision boxes.
             collision_bottom: start of the collision boxes along the thin axis, if different [m].
         """

@@ -65,7 +65,6 @@ def project_boxes(mesh: TriangleMesh, count: int, extents: Array, texture: Textu
         mesh: the mesh of all boxes, with equally many points and faces each.
         count: the number of boxes.
         extents: their extents, n x 3 [m].
-        texture: the texture.
     """
     points_each, faces_each = len(mesh.points) // count, len(mesh.faces) // count
     number = np.arange(count)

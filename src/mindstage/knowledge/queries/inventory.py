@@ -54,10 +54,11 @@ __all__ = [
 ]
 
 _TOLERANCE = 1e-6
+"""Values that differ by a smaller fraction are equal."""
 _SIZE_PROPERTY = knowrob("depthOfObject")
 _CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
 _STATE_PROPERTIES = (ms("state"), knowrob("stateOfObject"))
-_MIN_COMMON_CLASSES = 0.5
+_MIN_COMMON_FRACTION = 0.5
 _SIMILAR_COUNT = 10
 
 
@@ -391,7 +392,7 @@ def similar_to(
         mine, theirs = above[own.cls], above[body.cls]
         common = len(mine & theirs) / max(1, len(mine | theirs))
         same_mesh = own.mesh is not None and own.mesh == body.mesh
-        if common >= _MIN_COMMON_CLASSES or same_mesh:
+        if common >= _MIN_COMMON_FRACTION or same_mesh:
             difference = _size_difference(own, body)
             order = (
                 body.cls != own.cls,

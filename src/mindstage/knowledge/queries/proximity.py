@@ -66,9 +66,10 @@ __all__ = [
 
 _MAX_HEIGHT_GAP_M = 0.3
 """Largest vertical gap of two bodies that are beside each other (KnowRob's comp_spatial uses it for centers)."""
-_MAX_FOOTPRINT_OVERLAP = 0.1
-_MIN_BETWEEN = 0.5
+_MAX_OVERLAP_FRACTION = 0.1
+_MIN_BETWEEN_FRACTION = 0.5
 _MIN_HEADING = 1e-6
+"""Least horizontal part of a unit vector that has a heading; a fraction."""
 
 
 def parse_numbers(text: str, name: str, counts: tuple[int, ...]) -> list[float]:
@@ -359,7 +360,7 @@ def _is_beside(placed: BodyBoxes, fixed: int, free: Indices) -> NDArray[np.bool_
     smaller = np.minimum(areas[free], areas[fixed])
     both = polygon_overlap_areas(prints, free, np.full(len(free), fixed))
     share = np.divide(both, smaller, out=np.zeros(len(free)), where=smaller > 1e-12)
-    return np.asarray((gap <= _MAX_HEIGHT_GAP_M + 1e-9) & (share <= _MAX_FOOTPRINT_OVERLAP + 1e-9))
+    return np.asarray((gap <= _MAX_HEIGHT_GAP_M + 1e-9) & (share <= _MAX_OVERLAP_FRACTION + 1e-9))
 
 
 @direction_of.explain
@@ -757,7 +758,7 @@ def is_between(
         spanned = np.minimum(high[rows], max(high[ends[0]], high[ends[1]])) - np.maximum(
             low[rows], min(low[ends[0]], low[ends[1]])
         )
-        kept = (shares >= _MIN_BETWEEN) & (hidden <= _MAX_FOOTPRINT_OVERLAP) & (spanned >= height / 2)
+        kept = (shares >= _MIN_BETWEEN_FRACTION) & (hidden <= _MAX_OVERLAP_FRACTION) & (spanned >= height / 2)
         for at in np.lexsort((rows, -shares.round(6))).tolist():
             if kept[at]:
                 yield BetweenRow(

@@ -278,7 +278,6 @@ def find_openings(
 
     Args:
         kb: the knowledge base.
-        world_state: the state.
         front: the door, drawer or lid; None for all.
         furniture: finds the containers; it can be used again for a state with the same spawned worlds.
     """

@@ -87,7 +87,6 @@ def _missing_use(
     """The missing statement about an individual, or about everything in a map.
 
     Args:
-        reasoner: the reasoner.
         individual: the individual; None for all.
         map: the map; None for all.
         property: the property of the missing restrictions.
@@ -239,8 +238,6 @@ def _find_devices(reasoner: Reasoner, action: Iri, device: Iri | None = None) ->
     """The devices that an action needs, or that afford it.
 
     Args:
-        reasoner: the reasoner.
-        action: the action.
         device: the only class that is wanted; one that no restriction names stands for its subclasses.
     """
     needs = list(_needed_classes(reasoner, action))

@@ -68,6 +68,7 @@ _SIZE_PROPERTY = knowrob("depthOfObject")
 _CONTAINER_FOR = knowrob("typePrimaryFunction-containerFor")
 _LIQUIDS = (knowrob("LiquidTangibleThing"), knowrob("Drink"), knowrob("Water"), knowrob("FluidTangibleThing"))
 _MIN_VOLUME_L = 0.005
+"""Volume of the smallest vessel [l]."""
 
 
 # -- visible from ------------------------------------------------------------------------------------------------------

@@ -75,6 +75,7 @@ _MESH_TOLERANCE = 0.05
 _CLEAR_DIFFERENCE = 0.05
 """Difference of two protrusions, relative to the extent of a body, that counts as evidence."""
 _MAX_EVIDENCE = 10.0
+"""Largest weight of one kind of evidence, a logarithm of odds."""
 _LOGGER_ODDS, _OTHER_ODDS = 0.8, 3.0
 """Logarithm of the odds from which sizes are along the world's axes, in maps of loggers and of others."""
 _LEVEL_M = 0.03

@@ -37,7 +37,9 @@ __all__ = ["MatrixPose", "NumberReader", "pose_from_matrix", "resolve_pose_frame
 _ROUNDING_TOLERANCE = 1e-3
 """Largest difference of a matrix element from a rotation that is attributed to rounding."""
 _SINGULAR_TOLERANCE = 1e-6
+"""A matrix is singular if the ratio of its least stretch to the largest is at most this fraction."""
 _TOO_LARGE = 1e100
+"""Entries of matrices are smaller, so that their squares are finite; a number of any unit."""
 
 
 _MIRROR = FrameConversion(signs=(1.0, -1.0, 1.0))

@@ -168,7 +168,6 @@ def joint_node(joint: Joint, cls: Iri, ends: tuple[Iri, Iri], parent: Pose) -> B
     """Creates the node of a joint, with its frame relative to the parent link as in URDF.
 
     Args:
-        joint: the joint.
         cls: class of the node, which gives its type and limits.
         ends: IRIs of the parent and the child.
         parent: pose of the parent in the map frame.
@@ -214,7 +213,6 @@ def write_as_soma(
     """Rewrites the sections of a map in SOMA's vocabulary.
 
     Args:
-        world: the world.
         all_sections: its complete description in the vocabulary of dialect 1; it is not modified.
 
     Returns:
@@ -354,7 +352,6 @@ class SomaPoseWriter:
         """Replaces the pose of a body, unless its facts already give it in SOMA's form; outdated ones are set aside.
 
         Args:
-            body: the body.
             facts: its statements, which are modified.
 
         Returns:

@@ -98,7 +98,6 @@ def convert_source_map(source_map: SourceMap, conventions: UnitConventions, *, d
     """Converts the numbers of a map to SI and adds statements of its original conventions.
 
     Args:
-        source_map: the map as given.
         conventions: its conventions; no field is None.
         dialect: name of its dialect, which is kept too.
     """

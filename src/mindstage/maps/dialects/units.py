@@ -181,7 +181,6 @@ def decide_quaternion_order(
     """Decides the quaternion order of a map whose dialect fixes it, and records the decision as an assumption.
 
     Args:
-        source_map: the map.
         quaternions: those of its bodies, as given.
         default: the order of the dialect, which only overwhelming evidence replaces.
         dialect: name of the dialect.
@@ -222,7 +221,6 @@ def guess_units(source_map: SourceMap, sizes: Mapping[Iri, Sequence[float]]) -> 
     """Guesses the unit of lengths of a map whose sizes a reader has found.
 
     Args:
-        source_map: the map.
         sizes: the three extents of individuals, in the units of the map.
     """
     by_class = {
@@ -290,7 +288,6 @@ def infer_conventions(source_map: SourceMap, defaults: UnitConventions) -> UnitC
     """Decides the conventions of a map whose dialect leaves them open.
 
     Args:
-        source_map: the map.
         defaults: conventions that hold where there is no evidence.
     """
     evidence = collect_evidence(source_map)
@@ -305,7 +302,6 @@ def default_conventions(source_map: SourceMap, defaults: UnitConventions, *, dia
     """Decides the conventions of a map whose dialect fixes them; contradicting evidence is reported.
 
     Args:
-        source_map: the map.
         defaults: conventions of the dialect.
         dialect: name of the dialect.
     """

@@ -80,7 +80,6 @@ def lost_statements(
     differences in form that it declares: numbers from before a conversion, and properties of another dialect.
 
     Args:
-        before: the source map.
         after: the written map, read again.
         moved: individuals that have moved; numbers of these and of their nested resources may differ.
     """

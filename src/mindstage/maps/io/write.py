@@ -59,7 +59,6 @@ def write_map(
     """Serializes a world as the text of a map file; equal worlds give equal texts.
 
     Args:
-        world: the world.
         format: the file format.
         dialect: the vocabulary.
         source_view: the map that the world was read from; it is written in that map's dialect, whatever `dialect` is.
@@ -81,7 +80,6 @@ def save_map(
     """Writes a map file atomically.
 
     Args:
-        world: the world.
         path: the file.
         format: the file format; None for that of the suffix.
         dialect: the vocabulary.

@@ -76,7 +76,6 @@ def write_in_source_dialect(
     """Rewrites the sections of a map in the dialect of its source.
 
     Args:
-        world: the world.
         all_sections: its complete description in the vocabulary of dialect 1.
         source_view: the map that the world was read from.
 

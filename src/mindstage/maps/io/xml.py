@@ -31,7 +31,7 @@ EXPANSION_LIMIT = 8 * 1024 * 1024
 MAX_SAFE_ENTITY = 256
 """Size [bytes] below which entities cannot make a file a hundred times longer, as each use takes three."""
 
-_CHUNK = 64 * 1024
+_CHUNK_BYTES = 64 * 1024
 _ENTITY = re.compile(rb"""(<!(?i:ENTITY)\s*(%\s+)?([^\s%"'>]+)\s*)(?:("[^"]*"|'[^']*')|(?i:SYSTEM|PUBLIC)\b)""")
 _ENTITY_USE = re.compile(rb"&([^\s&;#]+);")
 _EXTERNAL_SUBSET = re.compile(
@@ -129,8 +129,8 @@ def is_complete(data: bytes) -> bool:
 def is_too_deep(data: bytes) -> bool:
     """Whether elements are nested too deep, estimated from the numbers of tags, which is fast."""
     depth = 0
-    for start in range(0, len(data), _CHUNK):
-        chunk = data[start : start + _CHUNK]
+    for start in range(0, len(data), _CHUNK_BYTES):
+        chunk = data[start : start + _CHUNK_BYTES]
         ends, others = chunk.count(b"</"), chunk.count(b"<!") + chunk.count(b"<?")
         depth += chunk.count(b"<") - 2 * ends - others - chunk.count(b"/>")
         if depth > DEPTH_LIMIT:

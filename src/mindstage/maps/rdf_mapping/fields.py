@@ -257,7 +257,6 @@ class ClassSizes:
         Args:
             sources: statements by class, in descending precedence; restrictions that several classes of a source share
                 are subjects there, under their labels.
-            hierarchy: the class hierarchy.
             report: receives findings about contradictions.
         """
         self._hierarchy = hierarchy

@@ -294,7 +294,6 @@ class SubjectReader:
         """Indexes the statements.
 
         Args:
-            subject: the subject.
             facts: the statements about it.
             report: receives findings.
             is_nested: whether it is a nested resource, which cannot have `ms:untold`.
@@ -434,7 +433,6 @@ class SubjectWriter:
         """Creates a writer.
 
         Args:
-            subject: the subject.
             facts: its facts, which are written after everything else.
         """
         self.subject = subject

@@ -41,7 +41,7 @@ if TYPE_CHECKING:  # few maps refer to robot descriptions, and parsing them need
 
 __all__ = ["ClassNameIndex", "UrdfSources", "is_urdf", "linked_individuals"]
 
-_HEAD = 64 * 1024
+_HEAD_BYTES = 64 * 1024
 _PROLOG = rb"(?>\s+|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>\[]*(?:\[[^\]]*\]\s*)?>)*+"
 """What may precede the root element; possessive quantifiers keep matching linear in the number of comments."""
 _ROBOT = re.compile(rb"\A(?:\xef\xbb\xbf)?" + _PROLOG + rb"<robot[\s/>]", re.DOTALL)
@@ -61,7 +61,7 @@ def is_urdf(path: Path) -> bool:
     """Whether the root element of a file is `<robot>`; the file may still be invalid."""
     try:
         with path.open("rb") as file:
-            return _ROBOT.match(file.read(_HEAD)) is not None
+            return _ROBOT.match(file.read(_HEAD_BYTES)) is not None
     except OSError:
         return False  # reading the file reports the cause
 

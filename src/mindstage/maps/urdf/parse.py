@@ -40,7 +40,7 @@ from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_a
 __all__ = ["MeshBounds", "mesh_bounds", "parse_robot", "parse_xml", "read_urdf"]
 
 
-_LENGTH_LIMIT = 256 * 1024 * 1024
+_MAX_BYTES = 256 * 1024 * 1024
 T = TypeVar("T")
 Element = ElementTree.Element
 _TOO_LARGE = 1e100
@@ -75,7 +75,7 @@ def mesh_bounds(name: str, urdf_path: Path, packages: RosPackagePath) -> MeshBou
         path = _mesh_path(name, urdf_path, packages)
         measure = None if path is None else _FORMATS.get(path.suffix.lower())
         # Reading a pipe or a device might never end.
-        if path is None or measure is None or not path.is_file() or path.stat().st_size > _LENGTH_LIMIT:
+        if path is None or measure is None or not path.is_file() or path.stat().st_size > _MAX_BYTES:
             return None
         data = path.read_bytes()
     except (OSError, ValueError):

@@ -39,7 +39,7 @@ _STEPS_PER_NODE = 50
 """Steps for an XML node that is copied or evaluated."""
 _STEPS_PER_YAML_BYTE = 2
 """PyYAML's parser in Python is slow."""
-_MESSAGE_LIMIT = 2_000
+_MESSAGE_CHARACTERS = 2_000
 _GLOBAL_NAMES = "list dict map len str float int bool True False min max round sorted range"
 """Names of the namespace `python` that are also reached without it."""
 _TEXT_PARTS = re.compile(
@@ -120,7 +120,7 @@ class XacroExpander:
         except MemoryError:
             cause = "it needs too much memory"
         except Exception as error:  # the library raises anything
-            cause = " ".join(str(error)[:_MESSAGE_LIMIT].split()) or type(error).__name__
+            cause = " ".join(str(error)[:_MESSAGE_CHARACTERS].split()) or type(error).__name__
         else:
             return text
         raise SourceParseError(path, cause=cause)

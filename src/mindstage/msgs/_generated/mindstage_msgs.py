@@ -281,6 +281,8 @@ class AddRobot(base.Service):
         name: base.String = ""
         notes: tuple[base.String, ...] = ()
         """What was guessed, or could not be used."""
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Ask(base.Service):
@@ -309,6 +311,8 @@ class Attach(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Clear(base.Service):
@@ -320,6 +324,8 @@ class Clear(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Delete(base.Service):
@@ -332,6 +338,8 @@ class Delete(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Describe(base.Service):
@@ -364,6 +372,8 @@ class Detach(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class ForgetState(base.Service):
@@ -568,6 +578,8 @@ class RestoreState(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SaveScene(base.Service):
@@ -607,6 +619,8 @@ class SetActuators(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetCommands(base.Service):
@@ -632,6 +646,8 @@ class SetLabel(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetMaterials(base.Service):
@@ -645,6 +661,8 @@ class SetMaterials(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetPhysics(base.Service):
@@ -659,6 +677,8 @@ class SetPhysics(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetPose(base.Service):
@@ -672,6 +692,8 @@ class SetPose(base.Service):
     class Response(base.Message, frozen=True):
         success: base.Bool = False
         refusal: Refusal = Refusal()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class SetSpeed(base.Service):
@@ -700,6 +722,8 @@ class SpawnWorld(base.Service):
         success: base.Bool = False
         refusal: Refusal = Refusal()
         report: SpawnReport = SpawnReport()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Step(base.Service):
@@ -794,6 +818,8 @@ class SpawnMap(base.Action):
         success: base.Bool = False
         refusal: Refusal = Refusal()
         report: SpawnReport = SpawnReport()
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
     class Feedback(base.Message, frozen=True):
         phase: base.String = ""

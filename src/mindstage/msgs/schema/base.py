@@ -86,7 +86,9 @@ MISSING = "it is missing"
 # -- primitive types ---------------------------------------------------------------------------------------------------
 
 FLOAT32_MAX: Final = 3.4028234663852886e38
+"""The largest float32; a number of any unit."""
 FLOAT64_MAX: Final = 1.7976931348623157e308
+"""The largest float64; a number of any unit."""
 
 Bool = Annotated[bool, Meta(extra={"ros": "bool"})]
 String = Annotated[str, Meta(extra={"ros": "string"})]
@@ -343,7 +345,6 @@ def encode(message: Message, *, ros: RosVersion = RosVersion.TWO) -> JsonObject:
     """Converts a message to a JSON object with every field.
 
     Args:
-        message: the message.
         ros: the version of ROS whose fields are written where they differ: `sec` or `secs`, headers with `seq`.
 
     Raises:

@@ -4,3 +4,5 @@ from mindstage.robots.models.catalog import find_model, list_models
 from mindstage.robots.models.reading import load_model
 
 __all__ = ["find_model", "list_models", "load_model"]
+
+__dir__ = __all__.copy

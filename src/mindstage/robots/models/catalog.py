@@ -32,6 +32,8 @@ class ModelSource(msgspec.Struct, frozen=True, kw_only=True):
     """The files of a model."""
 
     path: Path
+    folder: Path | None = None
+    """The folder of its package, whose files the description may name."""
     name: str | None = None
     """The name of the robot; None for that of the description."""
     srdf: Path | None = None
@@ -161,7 +163,10 @@ def find_model(name: str, *, folders: Iterable[Path] = ()) -> ModelSource:
         if path is None:
             raise RobotNotFoundError(name, remedy=f"its files are in a package: pip install {known.package}")
         srdf = BUNDLED_FOLDER / known.srdf if known.srdf else None
-        return ModelSource(path=path, name=known.name, srdf=srdf, mimics=known.mimics, ranges=known.ranges)
+        folder = path.parents[known.file.count("/") - 1] if known.package else None
+        return ModelSource(
+            path=path, folder=folder, name=known.name, srdf=srdf, mimics=known.mimics, ranges=known.ranges
+        )
     if Path(name).is_file():
         return ModelSource(path=Path(name))
     for folder in folders:

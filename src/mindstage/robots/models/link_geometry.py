@@ -226,8 +226,6 @@ def geometry_of_parts(
     """Returns the geometry of a link, whose visual meshes are imported on first access.
 
     Args:
-        visuals: the visual parts.
-        shapes: the collision shapes.
         reason: where it comes from, for reports.
         cache: directory for imported meshes; by default in the user's cache.
         siblings: the visual meshes of all links, which are drawn together with this one.

@@ -71,13 +71,17 @@ class MjcfRobot(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     notes: tuple[ModelNote, ...]
 
 
-def read_mjcf_robot(path: Path) -> MjcfRobot:
+def read_mjcf_robot(path: Path, *, folders: Iterable[Path] = ()) -> MjcfRobot:
     """Reads a robot from an MJCF file, which may have other things in it.
+
+    Args:
+        path: the file.
+        folders: where files that it names may be, besides its own folder.
 
     Raises:
         RobotModelError: MuJoCo cannot read it, or it has no body.
     """
-    return _MjcfRobotReader(read_mjcf(path), path).read()
+    return _MjcfRobotReader(read_mjcf(path, folders=folders), path).read()
 
 
 class _MjcfRobotReader:

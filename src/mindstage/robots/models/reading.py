@@ -47,9 +47,11 @@ _JOINT_TYPES = {
 _PACKAGE_NAME = re.compile(r"package://([^/\"'<>\s]+)|\$\(find\s+([^)\s]+)\)")
 _HEAD_BYTES = 64 * 1024
 _MIN_INERTIA = 1e-9
+"""[kg m²]."""
 _MIN_GYRATION_M = 1e-3
 """Least radius of gyration of a link; some descriptions have moments of 0."""
 _MOMENT_TOLERANCE = 1e-3
+"""By which fraction a principal moment may exceed the sum of the others."""
 _MAX_POSITION = 1e4
 """Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
@@ -69,7 +71,8 @@ def load_model(
         source: the path of a URDF, xacro or MJCF file, or a name of `list_models`, such as "mobile_manipulator".
         name: the name of the robot; by default that in the description.
         srdf: its SRDF; by default one of the same name beside the description, or in a folder `srdf` near it.
-        folders: where `package://` meshes are searched.
+        folders: where `package://` meshes are searched, and where files that an MJCF file names may be, besides its
+            own folder.
         xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`. Give
             False for a source that the user has not chosen.
         cache: directory for imported meshes; by default in the user's cache.
@@ -83,7 +86,7 @@ def load_model(
     path, name = found.path, name or found.name
     is_mjcf = _is_mjcf(path)
     if is_mjcf:
-        description = _from_mjcf(path, found.mimics)
+        description = _from_mjcf(path, found, folders)
     else:
         description = _from_urdf(path, found, folders, cache, xacro=is_requested(path, xacro))
     stated = srdf or found.srdf
@@ -118,9 +121,9 @@ def _is_mjcf(path: Path) -> bool:
     return tag is not None and tag[1] == b"mujoco"
 
 
-def _from_mjcf(path: Path, mimics: Iterable[tuple[str, str]]) -> _Description:
-    robot = read_mjcf_robot(path)
-    joints, notes = _with_mimics(robot.joints, mimics)
+def _from_mjcf(path: Path, source: ModelSource, folders: Sequence[Path]) -> _Description:
+    robot = read_mjcf_robot(path, folders=folders if source.folder is None else (*folders, source.folder))
+    joints, notes = _with_mimics(robot.joints, source.mimics)
     return _Description(
         name=robot.name,
         links=robot.links,

@@ -114,7 +114,6 @@ def follow_poses(
     """Solves a path pose by pose.
 
     Args:
-        kinematics: of the robot.
         arm: the arm that follows.
         poses: n x 7: poses of the grasp frame in the world frame.
         root: pose of the root link at the first pose.

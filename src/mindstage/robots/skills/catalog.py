@@ -82,7 +82,6 @@ def start_skill(
     Closing the generator stops the robot, where it then is.
 
     Args:
-        robot: the robot.
         name: the name of the skill.
         args: its arguments by name; numbers may be given as text.
         deadline_s: the skill fails if it has not ended after this simulated time [s].

@@ -35,7 +35,7 @@ from mindstage.scene import Body, BodyId, Iri, World
 __all__ = ["ACTION_TYPES", "DesignatedSkill", "DesignatorChoice", "DesignatorWorld", "read_designator"]
 
 _MAX_DEPTH = 10
-_MAX_SIZE = 20_000
+_MAX_CHARACTERS = 20_000
 
 
 class DesignatorWorld(Protocol):
@@ -119,8 +119,8 @@ _ARTICLE_KEY = re.compile(r"(an|a|the|some)-(\w+)")
 def _decoded(designator: str | Mapping[str, Any] | Sequence[Any]) -> object:
     if not isinstance(designator, str):
         return designator
-    if len(designator) > _MAX_SIZE:
-        raise InvalidArgumentError("the designator", cause=f"it has more than {_MAX_SIZE:,} characters")
+    if len(designator) > _MAX_CHARACTERS:
+        raise InvalidArgumentError("the designator", cause=f"it has more than {_MAX_CHARACTERS:,} characters")
     try:
         return json.loads(designator)
     except (ValueError, RecursionError) as error:

@@ -139,7 +139,6 @@ def _moving_once(
     """Grasps a handle or an edge, or touches a side, moves it as far as possible from one stance, and releases it.
 
     Args:
-        task: the skill.
         hand: the arm.
         opening: the door or drawer.
         motion: the stance and the path.

@@ -143,7 +143,6 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
     not found by these samples counts as not reachable.
 
     Args:
-        robot: the robot.
         thing: the door or drawer, its handle, or a container with one.
         fraction: how far, from 0 (closed) to 1.
 

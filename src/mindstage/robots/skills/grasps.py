@@ -72,8 +72,8 @@ _DIAGONALS_RAD = (pi / 4, pi / 6, pi / 3)
 _DIAGONAL_TIPS_M = (0.016, 0.01)
 """How far the finger tips are beyond the axis of such a rod: there is little room behind it."""
 _DIAGONAL_ROOM_M = 0.007
-_DIAGONAL_SHIFTS = (0.0, 0.2, -0.2, 0.4, -0.4)
-_EDGE_SHIFTS = (0.0, 0.25, -0.25, 0.4, -0.4)
+_DIAGONAL_SHIFT_FRACTIONS = (0.0, 0.2, -0.2, 0.4, -0.4)
+_EDGE_SHIFT_FRACTIONS = (0.0, 0.25, -0.25, 0.4, -0.4)
 _SIDE_SHIFTS = (0.35, 0.2, 0.45)
 """Places along the edges beside the free edge, towards it."""
 _EDGE_OVERLAPS_M = (0.035, 0.055, 0.02)
@@ -243,10 +243,7 @@ def grasps_of(
     """The grasps by friction of a body: of the whole body before those of its parts.
 
     Args:
-        body: the body.
-        geometry: its geometry.
         body_pose: its pose in the world frame, seven numbers.
-        gripper: the gripper.
         shape: the extents of the gripper.
     """
     if gripper.type is not GripperType.PARALLEL:
@@ -270,9 +267,6 @@ def diagonal_grasps_of(
     from both what is behind the rod and what is beside it; one finger is behind the rod and pulls it.
 
     Args:
-        body: the body.
-        geometry: its geometry.
-        gripper: the gripper.
         shape: the extents of the gripper.
     """
     if gripper.type is not GripperType.PARALLEL:
@@ -290,7 +284,7 @@ def diagonal_grasps_of(
             width = box.extent(across)
             if width > shape.opening - 2 * _CLEARANCE_M:
                 continue
-            for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFTS):
+            for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFT_FRACTIONS):
                 if not shape.touches(shape.tip_from(width) - beyond, width):
                     continue  # the inner sides of the fingers diverge so much that the rod is not held
                 origin = box.pose[:3] + inward * (beyond - shape.tip_from(width)) + axes[long] * shift * box.size[long]
@@ -313,10 +307,8 @@ def edge_grasps_of(
 
     Args:
         body: the door.
-        geometry: its geometry.
         normal: a vector in the frame of the body across the door.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
-        gripper: the gripper.
         shape: the extents of the gripper.
     """
     if gripper.type is not GripperType.PARALLEL:
@@ -325,7 +317,7 @@ def edge_grasps_of(
     width = 2 * float(half[axis])
     if width > shape.opening - 2 * _EDGE_ROOM_M:
         return
-    sides = [(to_edge, along, _EDGE_SHIFTS), *((sign * along, to_edge, _SIDE_SHIFTS) for sign in (1.0, -1.0))]
+    sides = [(to_edge, along, _EDGE_SHIFT_FRACTIONS), *((sign * along, to_edge, _SIDE_SHIFTS) for sign in (1.0, -1.0))]
     for overlap, (outwards, lengthwise, shifts) in product(_EDGE_OVERLAPS_M, sides):
         length = float(np.abs(lengthwise) @ half) * 2
         end = middle + outwards * float(np.abs(outwards) @ half)
@@ -361,7 +353,6 @@ def pushes_of(
 
     Args:
         body: the front.
-        geometry: its geometry.
         outward: a vector in the frame of the body that points to its outer side.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
         shape: the extents of the gripper.
@@ -396,7 +387,6 @@ def sweeps_of(
 
     Args:
         body: the door.
-        geometry: its geometry.
         outward: a vector in the frame of the body that points to its outer side.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
         poses: n x 7: the poses of the door on its way.

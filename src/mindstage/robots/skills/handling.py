@@ -169,7 +169,6 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     """Drives to a thing, opens what it is in, grasps it, lifts it and takes it in front of the robot.
 
     Args:
-        task: the skill.
         id: the thing.
         upright: whether the hand comes from the side rather than from above, as where the thing is put down later; None
             if either will do.
@@ -213,8 +212,6 @@ def _grasping(
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
 
     Args:
-        task: the skill.
-        hand: the hand.
         surroundings: where everything is.
         id: the thing.
         upright: see `pick_up`.
@@ -548,7 +545,6 @@ def _setting_aside(task: SkillTask, hand: Manipulator, id: BodyId, *, why: str) 
     """Puts what is held on the nearest top where it has room, so that the hand is free.
 
     Args:
-        task: the skill.
         hand: the hand that holds it.
         id: the thing.
         why: what the hand is needed for, for the report.

@@ -61,7 +61,7 @@ _OPENING_TOLERANCE_M = 0.03
 """An opening that is smaller than wanted by less is enough: what is grasped has room."""
 _SPEED, _HELD_SPEED = 0.6, 0.3
 """Fractions of the velocity limits of the joints, without and with a thing in the hand."""
-_HELD_DRIVE_SPEED = 0.5
+_HELD_SPEED_FACTOR = 0.5
 _HELD_CLEARANCE_M = 0.015
 _ONE_SIDED_M = 0.15
 """An arm whose hand is so far from the middle of the base reaches to one side [m]."""
@@ -165,9 +165,7 @@ class Manipulator:
         """Moves nothing.
 
         Args:
-            task: the skill.
             arm: an arm with a gripper.
-            kinematics: of the robot.
         """
         self.task = task
         self.robot = task.robot
@@ -336,7 +334,7 @@ class Manipulator:
             return
         with self.task.step("drive", f"drive to ({base[0]:.2f}, {base[1]:.2f}) {why}"):
             path = plan_base(self.robot, base, ignore=ignore, part_of=self.task.limit)
-            speed = 1.0 if self.held is None else _HELD_DRIVE_SPEED
+            speed = 1.0 if self.held is None else _HELD_SPEED_FACTOR
             result = yield from guarded(self.task, self.robot.driving(path, speed=speed))
             self._require(result, "let the robot start from somewhere else, or move what is in its way")
 
@@ -438,7 +436,6 @@ class Manipulator:
         """The first part of a path from the present state, up to a collision.
 
         Args:
-            path: the path.
             touch: bodies that the gripper may touch.
             joint: of a door or drawer that moves along; None for none.
             joint_positions: for each pose of the path, its position [m or rad].

@@ -21,7 +21,7 @@ __all__ = ["drive_to", "go_to", "look_at", "park", "reach"]
 
 _DISTANCES_M = (0.65, 0.8, 1.0, 0.5, 1.3)
 """Distances of the base from the nearest side of a thing, the preferred first."""
-_BEARINGS = 16
+_BEARING_COUNT = 16
 _HEAD_STEPS = 40
 _WAY_TESTS = 8000
 """Number of poses that the search for a way to each place tests."""
@@ -78,8 +78,8 @@ def _place_near(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Base
     reason = "no place beside it is free"
     for distance in _DISTANCES_M:
         places = []
-        for number in range(_BEARINGS):
-            bearing = 2 * pi * number / _BEARINGS
+        for number in range(_BEARING_COUNT):
+            bearing = 2 * pi * number / _BEARING_COUNT
             x, y = middle + _on_border((high - low)[:2] / 2 + distance, bearing)
             length = floor.length_to(x, y)
             if length is not None:

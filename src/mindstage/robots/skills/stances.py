@@ -481,7 +481,6 @@ class _Search:
         """A stance whose path ends where the robot can still get away from what it has moved, if there is such a place.
 
         Args:
-            stance: the stance.
             poses: n x 7: poses of the grasp frame along the path.
         """
         count = len(poses)
@@ -502,7 +501,6 @@ class _Search:
         """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
 
         Args:
-            stance: the stance.
             at: that pose of the grasp frame.
             row: its number.
         """

@@ -30,7 +30,6 @@ class SkillTask:
         """Does nothing yet.
 
         Args:
-            robot: the robot.
             seed: of everything that is sampled.
             on_step: called when a step begins, and when it ends.
         """

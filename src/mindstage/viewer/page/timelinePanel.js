@@ -16,6 +16,9 @@ const COLORS = {
   Closing: "#4263eb", Falling: "#9c36b5", Performing: "#5c940d", TippingOver: "#c026a3",
 };
 
+// Kinds that are states: those that last from the begin of a recording to its end say nothing about it.
+const STATES = new Set(["Contact", "SupportedBy", "ContainedIn"]);
+
 const timeText = (time) => `${formatNumber(Math.floor(time / 60), 0)}:${(time % 60).toFixed(2).padStart(5, "0")}`;
 
 function iconButton(iconName, title, onclick, action) {
@@ -155,9 +158,9 @@ class TimelinePanel {
     return this.#recording.recordings.flatMap((recording) => this.#eventsOf(recording));
   }
 
-  // The events of a recording without what lasts from its begin to its end, such as most contacts.
+  // The events of a recording without states that last from its begin to its end.
   #eventsOf({ begin_s: begin, events }) {
-    return (events ?? []).filter((event) => event.begin_s > begin || event.end_s !== null);
+    return (events ?? []).filter(({ kind, begin_s, end_s }) => !STATES.has(kind) || begin_s > begin || end_s !== null);
   }
 
   #showLegend() {
@@ -172,7 +175,8 @@ class TimelinePanel {
     }));
     const errors = this.#recording.recordings.map(({ error }) => error).filter(Boolean);
     const isLoading = this.#recording.recordings.some(({ events }) => events === null);
-    this.#note.textContent = errors.join(" ") || (isLoading ? "Finding events…" : kinds.length ? "" : "No events.");
+    const none = this.#recording.recordings.some(({ events }) => events?.length) ? "No event begins or ends." : "No events.";
+    this.#note.textContent = errors.join(" ") || (isLoading ? "Finding events…" : kinds.length ? "" : none);
   }
 
   #toggleKind(kind) {
