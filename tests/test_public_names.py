@@ -18,8 +18,8 @@ from tests.test_documents import DOCUMENTS, ROOT, blocks
 
 REFERENCE = ROOT / "docs/reference/python"
 PACKAGES = sorted(page.stem for page in REFERENCE.glob("*.md") if page.stem != "index")
-SUB_PACKAGES = ["engines.mujoco", "engines.remote", "knowledge.queries", "robots.models", "robots.skills"]
-"""Those for users; a package does not list the ones that import it."""
+SUB_PACKAGES = ["knowledge.queries", "robots.models", "robots.skills"]
+"""Those whose names are all for users; a package does not list the ones that import it."""
 SOURCES = [
     *(path for path in DOCUMENTS if path.name != "CONTRIBUTING.md"),  # it is for developers
     *sorted((ROOT / "examples").rglob("*.py")),
@@ -68,7 +68,7 @@ def is_shown(name: str) -> bool:
     for part in name.split(".")[1:]:
         if not isinstance(shown, ModuleType):
             return True
-        if f"{shown.__name__}.{part}".removeprefix("mindstage.") in SUB_PACKAGES:
+        if f"{shown.__name__}.{part}".removeprefix("mindstage.") in [*SUB_PACKAGES, "engines.mujoco", "engines.remote"]:
             shown = import_module(f"{shown.__name__}.{part}")
         elif part in dir(shown):
             shown = getattr(shown, part)

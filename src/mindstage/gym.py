@@ -53,6 +53,8 @@ __all__ = [
     "success_rate",
 ]
 
+__dir__ = __all__.copy
+
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 
