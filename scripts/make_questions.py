@@ -1,4 +1,4 @@
-"""Writes docs/reference/questions.md and the catalog from the declared questions; with --check only compares."""
+"""Writes docs/reference/questions.md from the declared questions; with --check only compares."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ __all__ = ["main"]
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "reference" / "questions.md"
-CATALOG = ROOT / "src" / "mindstage" / "knowledge" / "question_catalog.py"
 SHOWN = 3
 """The number of answers shown for each example; the others are counted."""
 SHOWN_WORDINGS = 6
@@ -44,58 +43,6 @@ answer, `missing` lists the statements that would give one; `knowledge.tell` and
 
 Each answer is a row with the columns listed below. The examples are answered for the bundled kitchen.
 """
-
-
-CATALOG_HEAD = '''"""The catalog of questions: one is found in it without importing the modules that declare the others.
-
-Written by scripts/make_questions.py: change the declarations in src/mindstage/knowledge/queries instead.
-"""
-
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import NamedTuple
-
-__all__ = ["CATALOG", "CatalogEntry"]
-
-
-class CatalogEntry(NamedTuple):
-    """What is known of a question before it is imported."""
-
-    module: str
-    """The module that declares it."""
-    wordings: tuple[str, ...]
-    """The words of its sentences, with those of enumerations and no other arguments; none contains all of another."""
-
-
-CATALOG: Mapping[str, CatalogEntry] = MappingProxyType(
-    {
-'''
-CATALOG_END = """    }
-)
-\"""All questions that Mindstage declares, by name, in the order of their declaration.\"""
-"""
-
-
-def catalog() -> str:
-    """The module with the catalog."""
-    return "".join([CATALOG_HEAD, *(line for each in list_questions() for line in entry(each)), CATALOG_END])
-
-
-def entry(question: Question[Any]) -> Iterator[str]:
-    """The entry of one question."""
-    yield f'        "{question.name}": CatalogEntry(\n            "{question.module}",\n'
-    wordings = [f'"{" ".join(sorted(words))}",' for words in smallest(question)]
-    if len(wordings) == 1:
-        yield f"            ({wordings[0]}),\n        ),\n"
-    else:
-        listed = "".join(f"                {wording}\n" for wording in wordings)
-        yield f"            (\n{listed}            ),\n        ),\n"
-
-
-def smallest(question: Question[Any]) -> list[frozenset[str]]:
-    """The sets of words of its sentences that contain none of the others."""
-    sets = {words for pattern in sentence_patterns(question) for words in pattern.word_sets()}
-    return sorted((each for each in sets if not any(other < each for other in sets)), key=sorted)
 
 
 def page() -> str:
@@ -158,8 +105,8 @@ def args(question: Question[Any], example: str) -> dict[str, str]:
 
 
 def main() -> int:
-    """Writes or checks both files; returns 0 if they are up to date, otherwise 1."""
-    return write_or_compare({CATALOG: catalog(), PAGE: page()})
+    """Writes or checks the page; returns 0 if it is up to date, otherwise 1."""
+    return write_or_compare({PAGE: page()})
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from mindstage.cli.app import app
 from mindstage.errors import NumberRefusedError
 from mindstage.knowledge.questions import list_questions
 from mindstage.ranges import Range, range_of
-from mindstage.robots.skills import SKILLS
+from mindstage.robots.skills import skill_specs
 
 HUGE = 10**400
 NUMBER = re.compile(r"\b(float|int|Vector|Quaternion)\b")
@@ -387,7 +387,7 @@ def test_every_number_of_a_question_has_a_range_and_is_refused_beyond_it() -> No
 
 def test_every_number_of_a_skill_is_refused_beyond_its_range() -> None:
     wrong = []
-    for spec in SKILLS.values():
+    for spec in skill_specs().values():
         for parameter in spec.parameters:
             for number in (
                 (math.nan, math.inf, -math.inf, HUGE, 1e308, -1e308, "nan") if parameter.type.is_number else ()

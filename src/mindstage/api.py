@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
     from mindstage.maps import UnitConventions
-    from mindstage.saving import FileDialect, FileFormat
+    from mindstage.saving import FileDialect
     from mindstage.scene import World, WorldDiff
     from mindstage.simulation import Simulation
     from mindstage.viewer import Viewer
@@ -211,7 +211,7 @@ def save(
     path: StrPath,
     *,
     knowledge: KnowledgeBase | None = None,
-    format: FileFormat | str | None = None,
+    format: str | None = None,
     dialect: FileDialect | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
@@ -224,7 +224,7 @@ def save(
         path: the file. The suffix determines the format: .owl or .rdf (RDF/XML), .ttl (Turtle), .mjcf or .xml
             (MuJoCo), .glb (glTF), .tscn (Godot).
         knowledge: the knowledge base that the world was read from; by default the simulation's.
-        format: owl, ttl, mjcf, glb or tscn; by default the format of the suffix.
+        format: owl, ttl, mjcf, glb, tscn, or one of an installed package; by default the format of the suffix.
         dialect: the vocabulary of a semantic map: semlog (the default), soma, same (that of the map that was read),
             given (that of the map from which this one was converted).
         assets: folders of mesh files, for MJCF, glTF and Godot scenes.

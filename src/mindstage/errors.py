@@ -1048,6 +1048,17 @@ class CacheError(MindstageError):
     cause: str
 
 
+class ExtensionError(MindstageError):
+    """What a package adds by an entry point cannot be loaded."""
+
+    template = "{name}, an entry point {group} of {package}, cannot be loaded: {cause}"
+    name: str
+    _: KW_ONLY
+    group: str
+    package: str
+    cause: str
+
+
 class RequestLimitError(MindstageError):
     """A request of a client is too large, or one too many."""
 

@@ -31,8 +31,8 @@ from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.models.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot, add_robot
-from mindstage.robots.skills.catalog import start_skill
 from mindstage.robots.skills.declaration import SkillResult
+from mindstage.robots.skills.performance import start_skill
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene import Body, BodyId, Iri, Pose
 from mindstage.scene.floor_plan import free_floor_place

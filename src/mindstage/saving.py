@@ -1,4 +1,4 @@
-"""Writes worlds to files, in all formats and dialects that Mindstage supports.
+"""Writes worlds to files, in the formats that are installed and in the dialects of semantic maps.
 
     save_world(world, "kitchen.ttl")                 # a semantic map, without loss
     save_world(world, "kitchen.glb", knowledge=kb)   # a glTF scene; returns notes on what glTF cannot express
@@ -14,9 +14,11 @@ from contextlib import nullcontext
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from mindstage.errors import InvalidArgumentError, MapWriteError, SourceParseError
+from mindstage.maps.io.formats import MapFormat, WorldFormat, WrittenWorld
+from mindstage.registry import Group, load_all
 
 if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
@@ -24,32 +26,22 @@ if TYPE_CHECKING:
     from mindstage.geometry import FittedGeometry
     from mindstage.knowledge import KnowledgeBase
     from mindstage.maps import SourceMapView
-    from mindstage.scene import World
+    from mindstage.scene import GeometryMap, World
 
-__all__ = ["FileDialect", "FileFormat", "dialect_name", "file_format", "mesh_assets", "save_world"]
+__all__ = [
+    "GLTF",
+    "GODOT",
+    "MJCF",
+    "OWL",
+    "TURTLE",
+    "FileDialect",
+    "dialect_name",
+    "file_format",
+    "mesh_assets",
+    "save_world",
+]
 
 StrPath = str | os.PathLike[str]
-E = TypeVar("E", bound=StrEnum)
-
-
-class FileFormat(StrEnum):
-    """A file format that a world can be written in."""
-
-    OWL = "owl"
-    """A semantic map in RDF/XML."""
-    TURTLE = "ttl"
-    """A semantic map in Turtle."""
-    MJCF = "mjcf"
-    """A MuJoCo model."""
-    GLTF = "glb"
-    """A binary glTF 2.0 scene: visual geometry and lights."""
-    GODOT = "tscn"
-    """A Godot scene; Godot has to be installed."""
-
-    @property
-    def is_map(self) -> bool:
-        """Whether the format is a semantic map, which is lossless and has a dialect."""
-        return self in (FileFormat.OWL, FileFormat.TURTLE)
 
 
 class FileDialect(StrEnum):
@@ -65,41 +57,38 @@ class FileDialect(StrEnum):
     """The SOMA vocabulary of KnowRob 2."""
 
 
-_SUFFIXES = {
-    ".owl": FileFormat.OWL,
-    ".rdf": FileFormat.OWL,
-    ".ttl": FileFormat.TURTLE,
-    ".mjcf": FileFormat.MJCF,
-    ".xml": FileFormat.MJCF,
-    ".glb": FileFormat.GLTF,
-    ".tscn": FileFormat.GODOT,
-}
-
-
 def file_format(
-    path: StrPath, format: FileFormat | str | None = None, *, dialect: FileDialect | str | None = None
-) -> FileFormat:
-    """The given format, or else the format of the path's suffix.
+    path: StrPath, format: str | None = None, *, dialect: FileDialect | str | None = None
+) -> tuple[str, WorldFormat]:
+    """The name and the format that is given, or else those of the path's suffix.
 
     Raises:
         MapWriteError: the suffix is unknown.
         InvalidArgumentError: the format or the dialect is unknown, or a dialect is given for a format without dialects.
     """
-    suffix = Path(path).suffix
-    chosen = _SUFFIXES.get(suffix.lower()) if format is None else _choice(FileFormat, format)
+    known = {name: each for name, each in load_all(Group.FORMATS, WorldFormat).items() if each.syntax or each.write}
+    if format is None:
+        suffix = Path(path).suffix
+        format = next((name for name, each in known.items() if suffix.lower() in each.suffixes), None)
+        if format is None:
+            suffixes = ", ".join(each for kind in known.values() for each in kind.suffixes)
+            remedy = f"use one of {suffixes}, or give the format"
+            raise MapWriteError(str(path), cause=f"the suffix {suffix!r} belongs to no format", remedy=remedy)
+    chosen = known.get(format)
     if chosen is None:
-        remedy = f"use one of {', '.join(_SUFFIXES)}, or give the format"
-        raise MapWriteError(str(path), cause=f"the suffix {suffix!r} belongs to no format", remedy=remedy)
-    if dialect is not None and not chosen.is_map:
+        remedy = f"use one of {', '.join(known)}"
+        raise InvalidArgumentError(f"the format {format!r}", cause="there is no such format", remedy=remedy)
+    if dialect is not None and chosen.syntax is None:
         remedy = "leave it out, or write .owl or .ttl"
-        name = _choice(FileDialect, dialect).value
-        raise InvalidArgumentError(f"the dialect {name}", cause=f"{chosen.value} has no dialects", remedy=remedy)
-    return chosen
+        raise InvalidArgumentError(
+            f"the dialect {_dialect(dialect).value}", cause=f"{format} has no dialects", remedy=remedy
+        )
+    return format, chosen
 
 
-def dialect_name(world: World, knowledge: KnowledgeBase, format: FileFormat, dialect: FileDialect) -> str | None:
+def dialect_name(world: World, knowledge: KnowledgeBase, format: WorldFormat, dialect: FileDialect) -> str | None:
     """The name of the dialect in which a world is written; None for formats without dialects."""
-    if not format.is_map:
+    if format.syntax is None:
         return None
     own = dialect in (FileDialect.SAME, FileDialect.GIVEN)
     return _origin_of(world, knowledge, dialect).dialect if own else dialect.value
@@ -110,7 +99,7 @@ def save_world(
     path: StrPath,
     *,
     knowledge: KnowledgeBase | None = None,
-    format: FileFormat | str | None = None,
+    format: str | None = None,
     dialect: FileDialect | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
     plain_shapes: bool = False,
@@ -142,13 +131,25 @@ def save_world(
     """
     from mindstage.knowledge import KnowledgeBase
 
-    out, kind = Path(path), file_format(path, format, dialect=dialect)
-    if kind.is_map:
-        chosen = FileDialect.SEMLOG if dialect is None else _choice(FileDialect, dialect)
-        return _save_map(world, out, kind, chosen, knowledge)
+    out, (_, kind) = Path(path), file_format(path, format, dialect=dialect)
+    if kind.syntax is not None:
+        chosen = FileDialect.SEMLOG if dialect is None else _dialect(dialect)
+        return _save_map(world, out, kind.syntax, chosen, knowledge)
+    assert kind.write is not None
+    notes: list[str] = []
     with nullcontext(knowledge) if knowledge is not None else KnowledgeBase() as used:
-        fitted = _fitted(world, used, assets, plain_shapes=plain_shapes, actuated=(actuated := tuple(actuated)))
-        return _save_scene(world, out, kind, used, fitted, godot=godot, actuated=actuated)
+        bodies = tuple(actuated)
+
+        def fit() -> GeometryMap:
+            fitted = _fitted(world, used, assets, plain_shapes=plain_shapes, actuated=bodies)
+            notes.extend(note.text for note in fitted.notes)
+            return fitted.geometry
+
+        program = None if godot is None else Path(godot)
+        find_mesh = used.find_file
+        written = WrittenWorld(world=world, path=out, fit=fit, find_mesh=find_mesh, actuated=bodies, godot=program)
+        told = tuple(kind.write(written))
+    return (*notes, *told)
 
 
 def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) -> MeshLibrary:
@@ -167,21 +168,19 @@ def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) 
     return MeshLibrary(paths, find_file=knowledge.find_file)
 
 
-def _choice(kind: type[E], name: str) -> E:
+def _dialect(name: str) -> FileDialect:
     try:
-        return kind(name)
+        return FileDialect(name)
     except ValueError:
-        what = "format" if kind is FileFormat else "dialect"
-        remedy = f"use one of {', '.join(kind)}"
-        raise InvalidArgumentError(f"the {what} {name!r}", cause=f"there is no such {what}", remedy=remedy) from None
+        remedy = f"use one of {', '.join(FileDialect)}"
+        raise InvalidArgumentError(f"the dialect {name!r}", cause="there is no such dialect", remedy=remedy) from None
 
 
 def _save_map(
-    world: World, path: Path, format: FileFormat, dialect: FileDialect, knowledge: KnowledgeBase | None
+    world: World, path: Path, syntax: MapFormat, dialect: FileDialect, knowledge: KnowledgeBase | None
 ) -> tuple[str, ...]:
-    from mindstage.maps import MapDialect, MapFormat, save_map
+    from mindstage.maps import MapDialect, save_map
 
-    syntax = MapFormat.RDF_XML if format is FileFormat.OWL else MapFormat.TURTLE
     if dialect not in (FileDialect.SAME, FileDialect.GIVEN):
         return save_map(world, path, format=syntax, dialect=MapDialect(dialect.value))
     if knowledge is None:
@@ -227,40 +226,28 @@ def _fitted(
     return replace(fitted, geometry={**fitted.geometry, **own}) if own else fitted
 
 
-def _save_scene(
-    world: World,
-    path: Path,
-    format: FileFormat,
-    knowledge: KnowledgeBase,
-    fitted: FittedGeometry,
-    *,
-    godot: StrPath | None,
-    actuated: Sequence[ActuatedBodies],
-) -> tuple[str, ...]:
-    """Writes a MuJoCo model, a glTF scene or a Godot scene."""
+def _save_mjcf(written: WrittenWorld) -> tuple[str, ...]:
+    from mindstage.engines.mujoco import world_to_mjcf
+
+    path, folder = written.path, f"{written.path.stem}_assets"
+    model = world_to_mjcf(
+        written.world,
+        geometry=written.geometry,
+        find_mesh=written.find_mesh,
+        actuated=written.actuated,
+        visuals_folder=folder if written.geometry else None,
+    )
+    _save_model(path, model.text.encode(), path.parent / folder, model.files)
+    return tuple(model.notes)
+
+
+def _save_gltf(written: WrittenWorld) -> tuple[str, ...]:
+    from mindstage.assets.gltf import world_to_glb
     from mindstage.maps.io.write import save_file
 
-    if format is FileFormat.MJCF:
-        from mindstage.engines.mujoco import world_to_mjcf
-
-        folder = f"{path.stem}_assets"
-        written = world_to_mjcf(
-            world,
-            geometry=fitted.geometry,
-            find_mesh=knowledge.find_file,
-            actuated=actuated,
-            visuals_folder=folder if fitted.geometry else None,
-        )
-        _save_model(path, written.text.encode(), path.parent / folder, written.files)
-        notes = written.notes
-    elif format is FileFormat.GLTF:
-        from mindstage.assets.gltf import world_to_glb
-
-        data, notes = world_to_glb(world, geometry=fitted.geometry)
-        save_file(path, data)
-    else:
-        return _save_godot_scene(world, path, fitted, godot=godot)
-    return (*(note.text for note in fitted.notes), *notes)
+    data, notes = world_to_glb(written.world, geometry=written.geometry)
+    save_file(written.path, data)
+    return tuple(notes)
 
 
 def _save_model(path: Path, text: bytes, folder: Path, files: Mapping[str, bytes]) -> None:
@@ -293,21 +280,30 @@ def _save_model(path: Path, text: bytes, folder: Path, files: Mapping[str, bytes
         raise MapWriteError(error.filename or str(folder), cause=error.strerror or str(error)) from error
 
 
-def _save_godot_scene(world: World, path: Path, fitted: FittedGeometry, *, godot: StrPath | None) -> tuple[str, ...]:
+def _save_godot_scene(written: WrittenWorld) -> tuple[str, ...]:
     """Spawns the world in a Godot process, which saves it as a scene."""
     from tempfile import TemporaryDirectory
 
     from mindstage.engines.remote.godot import GodotEngine
     from mindstage.maps.io.write import save_file
 
-    engine = GodotEngine(None if godot is None else Path(godot))
+    engine = GodotEngine(written.godot)
     try:
-        report = engine.spawn(world, geometry=fitted.geometry)
+        report = engine.spawn(written.world, geometry=written.geometry)
         with TemporaryDirectory(prefix="mindstage-") as folder:
             scene = Path(folder, "scene.tscn")
             engine.save_scene(scene)
-            save_file(path, scene.read_bytes())
+            save_file(written.path, scene.read_bytes())
     finally:
         engine.close()
     failed = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
     return tuple(f"{each.id} is not in the scene: {each.reason}" for each in failed)
+
+
+OWL = WorldFormat(suffixes=(".owl", ".rdf"), title="Semantic map, OWL", syntax=MapFormat.RDF_XML)
+TURTLE = WorldFormat(suffixes=(".ttl",), title="Semantic map, Turtle", syntax=MapFormat.TURTLE)
+MJCF = WorldFormat(suffixes=(".mjcf", ".xml"), title="MuJoCo model", write=_save_mjcf)
+GLTF = WorldFormat(suffixes=(".glb",), title="glTF scene", write=_save_gltf)
+"""Visual geometry and lights."""
+GODOT = WorldFormat(suffixes=(".tscn",), title="Godot scene", write=_save_godot_scene)
+"""Godot has to be installed."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Generator, Iterator
 from pathlib import Path
-from types import MappingProxyType
 
 import pytest
 
-import mindstage.robots.skills.catalog as catalog
+from mindstage.access.policies import Access
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Episode
 from mindstage.knowledge import KnowledgeBase
+from mindstage.registry import Group, added
 from mindstage.robots import add_robot
 from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
@@ -48,10 +48,10 @@ def doubt(task: SkillTask) -> Generator[float, None, None]:
 
 
 @pytest.fixture(autouse=True)
-def fake_skills(monkeypatch: pytest.MonkeyPatch) -> None:
+def fake_skills() -> Iterator[None]:
     """Two skills of known behavior beside the real ones."""
-    fakes = {"pick": pick, "doubt": doubt}
-    monkeypatch.setattr(catalog, "SKILLS", MappingProxyType({**catalog.SKILLS, **fakes}))
+    with added(Group.SKILLS, "pick", pick), added(Group.SKILLS, "doubt", doubt, access=Access.ACT):
+        yield
 
 
 def test_a_robot_drives_to_a_place_and_says_where_it_stands(run: Run, write_map: WriteMap) -> None:

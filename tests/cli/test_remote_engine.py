@@ -81,7 +81,7 @@ def test_an_unreadable_map_does_not_change_the_remote_world(remote: str, run: Ru
         ("ros://127.0.0.1:x/lab?token=secret", "it is not a valid address"),
         (
             "ros:/127.0.0.1",
-            "there is no engine of that name; choose mujoco, godot, godot:window, null, or ros://HOST:PORT/",
+            "there is no engine of that name; choose godot, godot:window, mujoco, null, ros://HOST:PORT/",
         ),
     ],
 )

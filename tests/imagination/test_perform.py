@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
 
-import mindstage.robots.skills.catalog as catalog
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PlanError
 from mindstage.imagination import (
@@ -25,8 +24,9 @@ from mindstage.imagination import (
     validate_plan,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.registry import Group, added
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots.skills.declaration import SkillSpec, ThingName, skill
+from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Pose
 from mindstage.simulation import Simulation, SimulationImage
@@ -120,16 +120,14 @@ def carry_down(task: SkillTask, id: BodyId, *, to_m: float) -> Generator[float, 
     yield 0.6
 
 
-FAKES: Mapping[str, SkillSpec] = MappingProxyType(
-    {each.name: each for each in (approach, give_up, doubt, dawdle, lower, drop)}
-)
-
-
 @pytest.fixture(autouse=True)
-def fake_skills(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skills of known behavior instead of the real ones; the robot is real."""
-    monkeypatch.setattr(catalog, "SKILLS", FAKES)
+def fake_skills() -> Iterator[None]:
+    """Skills of known behavior beside the real ones; the robot is real."""
     closed.clear()
+    with ExitStack() as stack:
+        for each in (approach, give_up, doubt, dawdle, lower, drop):
+            stack.enter_context(added(Group.SKILLS, each.spec.name, each))
+        yield
 
 
 @pytest.fixture(scope="module")

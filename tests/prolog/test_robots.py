@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from types import MappingProxyType
 
 import pytest
 
-import mindstage.robots.skills.catalog as catalog
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, PrologGoalError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
 from mindstage.prolog.plan_predicates import skill_from_term
 from mindstage.prolog.swipl import Atom, Compound
+from mindstage.registry import Group, added
 from mindstage.robots import find_robot
 from mindstage.robots.skills.declaration import ThingName, skill
 from mindstage.robots.skills.task import SkillTask
@@ -47,9 +46,10 @@ def console() -> Iterator[PrologConsole]:
 
 
 @pytest.fixture
-def fake_pick(monkeypatch: pytest.MonkeyPatch) -> None:
+def fake_pick() -> Iterator[None]:
     """A skill of known behavior in place of the real one."""
-    monkeypatch.setattr(catalog, "SKILLS", MappingProxyType({**catalog.SKILLS, "pick": pick}))
+    with added(Group.SKILLS, "pick", pick):
+        yield
 
 
 def result(console: PrologConsole, goal: str) -> tuple[object, str, object]:

@@ -32,7 +32,7 @@ from mindstage.robots.models.model import (
 )
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import add_self_model, component_class, read_self_model
-from mindstage.robots.skills.catalog import SKILLS
+from mindstage.robots.skills import skill_specs
 from mindstage.robots.skills.declaration import SkillNeed
 from mindstage.scene import IDENTITY
 
@@ -202,13 +202,13 @@ def test_the_needs_of_each_skill_are_those_that_the_ontology_states(kb: Knowledg
     complete: dict[str, Any] = {name: value for part in every.values() for name, value in part.items()}
     rows: list[AbilityRow] = list(ask(kb, "can", {"all": model(**complete, sensors=(camera,))}))
     by_skill = {row.skill: row.action for row in rows if row.skill}
-    assert set(by_skill) == set(SKILLS)
+    assert set(by_skill) == set(skill_specs())
     for need, part in every.items():
         rest: dict[str, Any] = {name: value for name, value in complete.items() if name not in part}
         without = model(**rest, sensors=(camera,))
         able = {row.skill for row in ask(kb, "can", {"part": without})}
-        needing = {name for name, spec in SKILLS.items() if need in spec.needs}
-        assert set(SKILLS) - able == needing, need
+        needing = {name for name, spec in skill_specs().items() if need in spec.needs}
+        assert set(skill_specs()) - able == needing, need
 
 
 def test_what_is_missing_is_named_with_what_depends_on_it(kb: KnowledgeBase) -> None:

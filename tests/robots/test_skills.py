@@ -17,7 +17,6 @@ from mindstage.robots import add_robot, find_robot
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import (
-    SKILLS,
     FrontWay,
     ParameterType,
     SkillOutcome,
@@ -26,6 +25,7 @@ from mindstage.robots.skills import (
     can_open,
     handling,
     manipulator,
+    skill_specs,
     split_command,
     start_skill,
 )
@@ -65,7 +65,7 @@ def perform(robot: Robot, name: str, **args: object) -> SkillResult:
 
 class TestDeclaration:
     def test_each_skill_documents_itself_and_its_arguments(self) -> None:
-        for name, spec in SKILLS.items():
+        for name, spec in skill_specs().items():
             assert spec.name == name
             assert spec.summary.endswith(".")
             assert "task" not in [each.name for each in spec.parameters]
@@ -74,15 +74,15 @@ class TestDeclaration:
                 assert each.description != each.name, (name, each.name)
 
     def test_types_and_defaults_come_from_the_signature(self) -> None:
-        thing, fraction = SKILLS["open"].parameters
+        thing, fraction = skill_specs()["open"].parameters
         assert (thing.name, thing.type, thing.required) == ("thing", ParameterType.THING, True)
         assert (fraction.name, fraction.type, fraction.default) == ("fraction", ParameterType.FRACTION, 1.0)
 
     def test_a_command_is_parsed_by_position_and_by_name(self) -> None:
         assert split_command("put-away 'milk carton'") == ("put_away", ["milk carton"])
-        assert SKILLS["place"].parse(["milk", "into=fridge"]) == {"thing": "milk", "into": "fridge"}
-        assert SKILLS["open"].parse(["fridge", "0.5"]) == {"thing": "fridge", "fraction": 0.5}
-        assert SKILLS["go_to"].parse(["1", "-0.5", "1.57"]) == {"x": 1.0, "y": -0.5, "yaw": 1.57}
+        assert skill_specs()["place"].parse(["milk", "into=fridge"]) == {"thing": "milk", "into": "fridge"}
+        assert skill_specs()["open"].parse(["fridge", "0.5"]) == {"thing": "fridge", "fraction": 0.5}
+        assert skill_specs()["go_to"].parse(["1", "-0.5", "1.57"]) == {"x": 1.0, "y": -0.5, "yaw": 1.57}
 
     @pytest.mark.parametrize(
         ("name", "args", "cause"),
@@ -101,7 +101,7 @@ class TestDeclaration:
         self, name: str, args: dict[str, object], cause: str
     ) -> None:
         with pytest.raises(InvalidArgumentError, match=cause):
-            SKILLS[name].check(args)
+            skill_specs()[name].check(args)
 
     def test_an_unknown_skill_names_similar_ones(self, robot: Robot) -> None:
         with pytest.raises(InvalidArgumentError, match="near: 'pick'"):

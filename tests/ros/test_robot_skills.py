@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mindstage.robots import find_robot
-from mindstage.robots.skills.catalog import SKILLS
+from mindstage.robots.skills import skill_specs
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
 from tests.ros.robot_client import RobotClient, SentGoal
@@ -97,7 +97,7 @@ def test_a_deadline_ends_a_skill(robot_client: RobotClient) -> None:
 
 def test_the_skills_are_listed_with_their_arguments(robot_client: RobotClient) -> None:
     found = robot_client.call("/unreal/mindstage/list_skills", "mindstage_msgs/ListSkills")
-    assert found["skills"] == list(SKILLS)
+    assert found["skills"] == list(skill_specs())
     assert found["robots"] == ["mobile_manipulator"]
     specs = {each["name"]: each for each in json.loads(found["specs"])}
     assert specs["go_to"]["summary"]

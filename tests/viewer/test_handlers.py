@@ -6,6 +6,7 @@ import json
 import re
 import threading
 import time
+from base64 import b64decode
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -126,6 +127,8 @@ def test_the_simulation_is_played_paused_stepped_and_reset(physics_simulation: S
         ("add", {"class": "NoSuchClassAtAll"}),
         ("add", {"class": "Cup", "size": [0.1, 0.1, -1.0]}),
         ("save", {"dialect": "klingon"}),
+        ("save", {"format": "mjcf"}),
+        ("save", {"format": "tscn"}),
         ("load", {"name": "x.owl"}),
     ],
 )
@@ -395,7 +398,7 @@ def test_dragging_in_a_paused_simulation_shows_a_message(
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"format": "turtle"}, {"dialect": "soma"}, {"format": "turtle", "dialect": "semlog"}]
+    "options", [{}, {"format": "ttl"}, {"dialect": "soma"}, {"format": "ttl", "dialect": "semlog"}]
 )
 def test_a_saved_map_can_be_loaded_without_loss(
     physics_simulation: Simulation, client: PageClient, options: dict[str, str]
@@ -412,6 +415,15 @@ def test_a_saved_map_can_be_loaded_without_loss(
     wait_until(lambda: len(names(client)) == 8, "the page is updated")
     assert physics_simulation.undo_stack.history.undo == ()
     assert client.ask("save", **options)["text"], "a loaded map can be saved"
+
+
+def test_the_world_is_saved_in_the_other_formats_that_are_offered(
+    physics_simulation: Simulation, client: PageClient
+) -> None:
+    assert client.ask("formats") == [{"name": "glb", "title": "glTF scene"}]
+    saved = client.ask("save", format="glb")
+    assert saved["name"] == "map.glb"
+    assert b64decode(saved["base64"]).startswith(b"glTF")
 
 
 def test_a_running_simulation_keeps_running_when_a_map_is_loaded(
@@ -500,7 +512,7 @@ def test_uploaded_maps_that_import_something_are_refused_with_its_name(
         secret.write_text(client.ask("save")["text"].replace("Mug", "Secret"), encoding="utf-8")
         name = secret.as_uri()
     if dialect == "ttl":
-        text = f"{client.ask('save', format='turtle')['text']}\n<> <http://www.w3.org/2002/07/owl#imports> <{name}> ."
+        text = f"{client.ask('save', format='ttl')['text']}\n<> <http://www.w3.org/2002/07/owl#imports> <{name}> ."
     else:
         imports = f'<owl:Ontology rdf:about="http://x#"><owl:imports rdf:resource="{name}"/></owl:Ontology></rdf:RDF>'
         text = client.ask("save")["text"].replace("</rdf:RDF>", imports)

@@ -12,7 +12,7 @@ import pytest
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.catalog import SKILLS
+from mindstage.robots.skills import skill_specs
 from mindstage.scene import Pose
 from mindstage.scene.transforms import Array
 from mindstage.viewer import Viewer
@@ -162,8 +162,8 @@ def test_a_skill_is_stopped_and_the_robot_stands(tab: PageTab, robot: Robot) -> 
 
 def test_the_forms_are_those_of_the_skills(tab: PageTab) -> None:
     options = tab.page.locator("[data-role=skill] option").evaluate_all("all => all.map(each => each.value)")
-    assert options == list(SKILLS)
-    for name, spec in SKILLS.items():
+    assert options == list(skill_specs())
+    for name, spec in skill_specs().items():
         tab.page.locator("[data-role=skill]").select_option(name)
         fields = tab.page.locator("[data-role=skill-form] [data-argument]")
         assert fields.evaluate_all("all => all.map(each => each.dataset.argument)") == [
@@ -300,8 +300,8 @@ def test_a_page_gets_the_installed_models_and_a_form_for_each_skill(fake: FakePa
     assert NAME in [each["name"] for each in offer["models"]]
     assert all(each["title"] for each in offer["models"])
     forms = {each["name"]: each for each in offer["skills"]}
-    assert list(forms) == list(SKILLS)
-    for name, spec in SKILLS.items():
+    assert list(forms) == list(skill_specs())
+    for name, spec in skill_specs().items():
         fields = forms[name]["arguments"]
         assert [(each["name"], each["required"]) for each in fields] == [
             (each.name, each.required) for each in spec.parameters

@@ -36,6 +36,7 @@ __all__ = [
     "RUN",
     "SPAWN",
     "TRUSTED",
+    "Access",
     "Cost",
     "EntryKind",
     "EntryPoint",
@@ -54,6 +55,17 @@ class EntryKind(StrEnum):
     ACTION = "ROS: action"
     TOPIC = "ROS: subscribed topic"
     PREDICATE = "Prolog: request"
+
+
+class Access(StrEnum):
+    """What something that a package adds does, as its entry point declares; see `mindstage.registry`."""
+
+    READ = "read"
+    """It computes something, and changes nothing."""
+    EDIT = "edit"
+    """It changes the world, or a file."""
+    ACT = "act"
+    """It commands a robot, or simulates."""
 
 
 class Cost(StrEnum):

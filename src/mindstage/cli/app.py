@@ -10,10 +10,9 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterable
-from contextlib import suppress
-from importlib import import_module
-from keyword import iskeyword
+from collections.abc import Sequence
+from contextlib import nullcontext, suppress
+from types import FunctionType
 from typing import Annotated
 
 import typer
@@ -21,45 +20,26 @@ import typer
 from mindstage import __version__
 from mindstage.cli.options import ExitCode, VerbCommand, command, discard_output
 from mindstage.cli.termination import exit_if_terminated
+from mindstage.errors import ExtensionError
+from mindstage.registry import Group, extensions, reporting
 
 __all__ = ["app", "main"]
 
 app: typer.Typer
 """The application with all verbs."""
 
-_MODULES = {
-    "demo": "viewer",
-    "spawn": "simulate",
-    "shot": "shot",
-    "render": "render",
-    "analyze": "maps",
-    "validate": "maps",
-    "compare": "maps",
-    "check": "simulate",
-    "log": "simulate",
-    "serve": "serve",
-    "record": "record",
-    "convert": "maps",
-    "place": "place",
-    "imagine": "imagine",
-    "do": "do",
-    "replay": "replay",
-    "ask": "ask",
-    "questions": "ask",
-    "prolog": "prolog",
-    "sparql": "ask",
-    "tell": "ask",
-}
-"""The module of each verb, a function of that name; a command imports that of one verb only."""
 _ALIASES = {"analyse": "analyze", "furnish": "place"}
 """Former names of verbs, which are not listed in the help."""
-_GROUPS = {"episode": {"info": "record", "repair": "record", "export": "export", "import": "export"}}
-"""Verbs with verbs of their own, such as `mindstage episode info`, and the modules of these."""
 _GROUP_HELP = {"episode": "Describe, repair, export and import recorded episodes."}
+"""Help texts of verbs with verbs of their own, such as `mindstage episode info`."""
 
 
-def _make_app(commands: Iterable[str]) -> typer.Typer:
-    """The application with some of the verbs; inspecting the signatures of all of them is slow."""
+def _make_app(verb: str | None = None) -> typer.Typer:
+    """The application with all verbs, or with one of them: inspecting the signatures of all of them is slow.
+
+    Raises:
+        ExtensionError: the package that adds this verb cannot be imported.
+    """
     app = typer.Typer(
         name="mindstage",
         help="Simulates semantic maps of robots, answers questions about them, and writes them back.",
@@ -69,24 +49,25 @@ def _make_app(commands: Iterable[str]) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    for name in commands:
-        if name in _GROUPS:
-            app.add_typer(_make_group(name), name=name)
+    groups: dict[str, typer.Typer] = {}
+    for name, each in extensions(Group.VERBS).items():
+        group, _, last = name.rpartition(".")
+        if verb is not None and _ALIASES.get(verb, verb) not in {name, group}:
             continue
-        verb = _ALIASES.get(name, name)
-        function: Callable[..., ExitCode] = getattr(import_module(f"mindstage.cli.{_MODULES[verb]}"), verb)
-        app.command(name, cls=VerbCommand, hidden=name in _ALIASES)(command(function))
+        with nullcontext() if verb == name else reporting(), each.failing():
+            function = command(each.load(FunctionType))
+            parent = groups.setdefault(group, _make_group(group)) if group else app
+            parent.command(last, cls=VerbCommand)(function)
+            for alias in (alias for alias, meant in _ALIASES.items() if meant == name):
+                app.command(alias, cls=VerbCommand, hidden=True)(function)
+    for name, made in groups.items():
+        app.add_typer(made, name=name)
     app.callback()(_options)
     return app
 
 
 def _make_group(name: str) -> typer.Typer:
-    group = typer.Typer(help=_GROUP_HELP[name], no_args_is_help=True, rich_markup_mode="rich")
-    for verb, module in _GROUPS[name].items():
-        name_in_module = f"{verb}_" if iskeyword(verb) else verb
-        function: Callable[..., ExitCode] = getattr(import_module(f"mindstage.cli.{module}"), name_in_module)
-        group.command(verb, cls=VerbCommand)(command(function))
-    return group
+    return typer.Typer(help=_GROUP_HELP.get(name, ""), no_args_is_help=True, rich_markup_mode="rich")
 
 
 def main() -> None:
@@ -102,10 +83,10 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # what an encoding cannot represent is no reason to fail
     try:
-        verb = sys.argv[1:2]
-        _make_app(verb if verb and verb[0] in _MODULES | _ALIASES | _GROUPS else [*_MODULES, *_GROUPS])(
-            prog_name="mindstage"
-        )
+        _make_app(_verb_of(sys.argv))(prog_name="mindstage")
+    except ExtensionError as error:
+        print(f"mindstage: error: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(ExitCode.ERROR)
     except OSError as error:  # of the output of --help and --version; verbs handle their own
         discard_output()
         if not isinstance(error, BrokenPipeError):
@@ -121,6 +102,13 @@ def main() -> None:
     finally:
         if "ompl" not in sys.modules:  # its bindings print all that is not collected at exit
             gc.freeze()  # a collection at exit would find nothing either
+
+
+def _verb_of(argv: Sequence[str]) -> str | None:
+    """The verb of a command; None if it has none, or no known one, so that the help lists all."""
+    known = extensions(Group.VERBS)
+    first = argv[1] if len(argv) > 1 else ""
+    return first if first in _ALIASES or any(first in {name, name.rpartition(".")[0]} for name in known) else None
 
 
 def _show_version(wanted: bool) -> None:
@@ -141,5 +129,5 @@ def __getattr__(name: str) -> object:
     """Makes `app`, the application with all verbs, at its first use: a command needs one verb only."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()["app"] = made = _make_app([*_MODULES, *_GROUPS, *_ALIASES])
+    globals()["app"] = made = _make_app()
     return made

@@ -314,16 +314,15 @@ def _commands(text: str, *, deadline_s: float) -> list[Perform]:
     """The skills with their arguments, separated by semicolons."""
     from mindstage.errors import InvalidArgumentError, suggestion
     from mindstage.imagination import Perform
-    from mindstage.robots.skills.catalog import SKILLS
-    from mindstage.robots.skills.declaration import split_command
+    from mindstage.robots.skills.declaration import skill_specs, split_command
 
-    steps: list[Perform] = []
+    known, steps = skill_specs(), list[Perform]()
     for part in filter(None, map(str.strip, text.split(";"))):
         name, words = split_command(part)
         name = name.replace("-", "_")
-        if name not in SKILLS:
-            raise InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=suggestion(name, SKILLS))
-        steps.append(Perform(skill=name, args=SKILLS[name].parse(words), deadline_s=deadline_s))
+        if name not in known:
+            raise InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=suggestion(name, known))
+        steps.append(Perform(skill=name, args=known[name].parse(words), deadline_s=deadline_s))
     return steps
 
 

@@ -38,7 +38,7 @@ from mindstage.cli.output import (
     warn,
 )
 from mindstage.cli.setup import findings_about, godot_program, knowledge_base
-from mindstage.saving import FileDialect, FileFormat, dialect_name, file_format, save_world
+from mindstage.saving import FileDialect, dialect_name, file_format, save_world
 
 if TYPE_CHECKING:
     from mindstage.knowledge import KnowledgeBase
@@ -180,8 +180,12 @@ _FileDialectOption = Annotated[
     ),
 ]
 _FileFormatOption = Annotated[
-    FileFormat | None,
-    typer.Option("--format", help="The format, regardless of the suffix of OUT.", show_default=False),
+    str | None,
+    typer.Option(
+        "--format",
+        help="The format, regardless of the suffix of OUT: owl, ttl, mjcf, glb, tscn, or one of an installed package.",
+        show_default=False,
+    ),
 ]
 
 
@@ -197,7 +201,7 @@ def convert(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Convert a map to another dialect, without loss, or to another format, with notes on what it cannot express."""
-    kind, chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
+    (name, kind), chosen = file_format(out, format, dialect=dialect), dialect or FileDialect.SAME
     with progress_spinner("converting"):
         knowledge = knowledge_base([source], options)
         world = knowledge.world(options.map_name)
@@ -206,23 +210,23 @@ def convert(
             world,
             out,
             knowledge=knowledge,
-            format=kind,
-            dialect=chosen if kind.is_map else None,
-            assets=() if kind.is_map else options.asset_folders(),
+            format=name,
+            dialect=chosen if kind.syntax else None,
+            assets=() if kind.syntax else options.asset_folders(),
             plain_shapes=options.plain_boxes,
             godot=godot_program(),
         )
     dialect_written = dialect_name(world, knowledge, kind, chosen)
     if as_json:
         output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
-        output |= {"format": kind.value, "dialect": dialect_written, "notes": list(notes)}
+        output |= {"format": name, "dialect": dialect_written, "notes": list(notes)}
         print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
         return ExitCode.OK
     print_findings(findings, all=verbose, classes=class_lookup(knowledge))
     for note in notes:
         warn(note)
     print_import_summary(world, knowledge, verbose=verbose)
-    _print_conversion(world, out, kind.value if dialect_written is None else f"{kind.value}, {dialect_written}")
+    _print_conversion(world, out, name if dialect_written is None else f"{name}, {dialect_written}")
     return ExitCode.OK
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from operator import attrgetter
 
 from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
@@ -14,6 +15,8 @@ from mindstage.engines.base import (
     Contact,
     DynamicsScale,
     Engine,
+    EngineFactory,
+    EngineSettings,
     EngineStats,
     MovedBody,
     PoseArray,
@@ -25,8 +28,9 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.null import NullEngine
-from mindstage.errors import EngineUnavailableError
+from mindstage.errors import EngineUnavailableError, ExtensionError
 from mindstage.ranges import checked
+from mindstage.registry import Group, catalog, extensions
 
 __all__ = [
     "DEFAULT_SPAWN_OPTIONS",
@@ -37,6 +41,8 @@ __all__ = [
     "Contact",
     "DynamicsScale",
     "Engine",
+    "EngineFactory",
+    "EngineSettings",
     "EngineStats",
     "MovedBody",
     "NullEngine",
@@ -54,7 +60,6 @@ __all__ = [
 __dir__ = __all__.copy
 
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
-_NAMES = f"choose mujoco, godot, godot:window, null, or {_REMOTE_SCHEMES[0]}HOST:PORT/NAMESPACE"
 
 
 @checked
@@ -62,37 +67,29 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
     """Creates an engine by name; the caller closes it, or passes it to a simulation that does.
 
     Args:
-        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), or the address of a
-            remote engine, `ros://HOST:PORT/NAMESPACE`, or `ros+tls://…` over TLS.
+        name: "mujoco", "godot", "godot:window" (shows the world in a window), "null" (no physics), the address of a
+            remote engine, `ros://HOST:PORT/NAMESPACE`, or `ros+tls://…` over TLS, or that of an installed package.
         godot: path of the Godot executable; by default the one on PATH, or in a common location.
         timeout_s: timeout of a call to Godot or to a remote engine [s]; by default the engine's own.
 
     Raises:
         EngineUnavailableError: the name is unknown, or the engine cannot be loaded, started or reached.
     """
-    match name:
-        case "null":
-            return NullEngine()
-        case "mujoco":
-            try:
-                from mindstage.engines.mujoco.engine import MujocoEngine
+    chosen = extensions(Group.ENGINES).get(name.partition(":")[0])
+    try:
+        factory = None if chosen is None else chosen.load(EngineFactory)
+    except ExtensionError as error:
+        raise EngineUnavailableError(name, cause=str(error), remedy="install what it needs, or use null") from error
+    if factory is None or not any(_is_named(name, form) for form in factory.forms):
+        forms = catalog(Group.ENGINES, EngineFactory, attrgetter("forms"), tuple[str, ...]).values()
+        remedy = f"choose {', '.join(form for each in forms for form in each)}"
+        raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=remedy)
+    return factory.make(name, EngineSettings(None if godot is None else os.fspath(godot), timeout_s))
 
-                return MujocoEngine()
-            except ImportError as error:
-                raise EngineUnavailableError(
-                    name, cause=str(error), remedy="reinstall mindstage, or use null"
-                ) from error
-        case "godot" | "godot:window":
-            from mindstage.engines.remote.godot import GodotEngine
 
-            program, window = None if godot is None else os.fspath(godot), name != "godot"
-            return GodotEngine(program, window=window, timeout_s=20.0 if timeout_s is None else timeout_s)
-        case _ if is_remote(name):
-            from mindstage.engines.remote import connect
-
-            return connect(name, timeout_s=10.0 if timeout_s is None else timeout_s)
-        case _:
-            raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=_NAMES)
+def _is_named(name: str, form: str) -> bool:
+    scheme, is_address, _ = form.partition("://")
+    return name.startswith(f"{scheme}://") if is_address else name == form
 
 
 def is_remote(name: str) -> bool:

@@ -11,10 +11,10 @@ current world, which is then unchanged; or it raises an `EngineError` because th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NewType, Protocol, runtime_checkable
+from typing import NamedTuple, NewType, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
@@ -35,6 +35,8 @@ __all__ = [
     "Contact",
     "DynamicsScale",
     "Engine",
+    "EngineFactory",
+    "EngineSettings",
     "EngineStats",
     "InterruptibleEngine",
     "MovedBody",
@@ -559,6 +561,28 @@ class BodySavingEngine(Engine, Protocol):
         Raises:
             BodyExistsError: an id is in use; nothing changes then.
         """
+
+
+class EngineSettings(NamedTuple):
+    """How an engine is made."""
+
+    godot: str | None = None
+    """Path of the Godot executable; by default the one on PATH, or in a common location."""
+    timeout_s: float | None = None
+    """Timeout of a call to another process [s]; by default the engine's own."""
+
+
+class EngineFactory(NamedTuple):
+    """Makes engines; the entry points `mindstage.engines` name these, by what precedes the first colon of a name."""
+
+    forms: tuple[str, ...]
+    """The names, such as "godot" and "godot:window"; one with "://" stands for all addresses of its scheme."""
+    make: Callable[[str, EngineSettings], Engine]
+    """Returns a new engine for a name.
+
+    Raises:
+        EngineUnavailableError: it cannot be loaded, started or reached.
+    """
 
 
 @runtime_checkable

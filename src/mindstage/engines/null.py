@@ -19,6 +19,7 @@ from mindstage.engines.base import (
     Capability,
     Contact,
     DynamicsScale,
+    EngineFactory,
     EngineStats,
     PoseArray,
     SavedState,
@@ -40,7 +41,7 @@ from mindstage.scene.transforms import (
     pose_multiply,
 )
 
-__all__ = ["NullEngine"]
+__all__ = ["NULL_ENGINE", "NullEngine"]
 
 
 class NullEngine:
@@ -190,6 +191,9 @@ class NullEngine:
         if self._closed:
             raise EngineClosedError(self.name)
         return self
+
+
+NULL_ENGINE = EngineFactory(("null",), lambda name, settings: NullEngine())
 
 
 @dataclass(frozen=True, slots=True)

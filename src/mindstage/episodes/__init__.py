@@ -16,6 +16,7 @@ from mindstage.episodes.recording import (
     Recording,
 )
 from mindstage.episodes.tracking import DetectionThresholds
+from mindstage.knowledge.over_time import EpisodeAdapter, register_episode_adapter
 from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
@@ -57,3 +58,12 @@ _MODULES = {
 
 
 __getattr__, __dir__ = lazy_names(__name__, _MODULES)
+
+
+def _adapter() -> EpisodeAdapter:
+    from mindstage.episodes import history
+
+    return history
+
+
+register_episode_adapter(_adapter)

@@ -21,6 +21,7 @@ from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries.spatial import ContainerFinder, OpenState, find_openings
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MissingKnowledge,
@@ -147,22 +148,14 @@ def _explain_occurrence(kb: QuestionContext, row: OccurrenceRow) -> Iterator[str
 
 
 @occurs.missing
-def _missing_occurrence(
-    kb: QuestionContext,
-    event: Iri | None = None,
-    thing: Iri | None = None,
-    begin: Time | None = None,
-    end: Time | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    what = "event" if event is None else local_name(event)
-    of = "" if thing is None else f" of {local_name(thing)}"
-    if event is not None and not _kinds(kb, event):
-        yield MissingKnowledge(event, TYPE, f"{what} is no class of events that are detected")
+def _missing_occurrence(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    what = "event" if asked.event is None else local_name(asked.event)
+    of = "" if asked.thing is None else f" of {local_name(asked.thing)}"
+    if asked.event is not None and not _kinds(kb, asked.event):
+        yield MissingKnowledge(asked.event, TYPE, f"{what} is no class of events that are detected")
     else:
-        reason = f"no {what}{of} happened in {_asked_episodes(present)}"
-        yield MissingKnowledge(EVENT if event is None else event, TYPE, reason)
+        reason = f"no {what}{of} happened in {_asked_episodes(asked.present)}"
+        yield MissingKnowledge(EVENT if asked.event is None else asked.event, TYPE, reason)
 
 
 def _asked_episodes(present: StateAccess) -> str:
@@ -315,19 +308,10 @@ def _explain_holding(kb: QuestionContext, row: HoldsRow) -> Iterator[str]:
 
 
 @holds.missing
-def _missing_holding(
-    kb: QuestionContext,
-    relation: HeldRelation | None = None,
-    a: Iri | None = None,
-    b: Iri | None = None,
-    begin: Time | None = None,
-    end: Time | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    yield from _never_there((a, b), present)
-    what = "no relation" if relation is None else f"{relation.value} never"
-    yield MissingKnowledge(EVENT, TYPE, f"{what} held between them in {_asked_episodes(present)}")
+def _missing_holding(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    yield from _never_there((asked.a, asked.b), asked.present)
+    what = "no relation" if asked.relation is None else f"{asked.relation.value} never"
+    yield MissingKnowledge(EVENT, TYPE, f"{what} held between them in {_asked_episodes(asked.present)}")
 
 
 def _never_there(things: Sequence[Iri | None], present: StateAccess) -> Iterator[MissingKnowledge]:
@@ -423,16 +407,11 @@ def _selected(kb: QuestionContext, events: Sequence[PastEvent], text: str | None
 
 
 @allen.missing
-def _missing_relation(
-    kb: QuestionContext,
-    first: str | None = None,
-    relation: AllenRelation | None = None,
-    second: str | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    how = "related to" if relation is None else relation.value.replace("_", " ")
-    reason = f"no {first or 'event'} is {how} another {second or 'event'} in {_asked_episodes(present)}"
+def _missing_relation(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    how = "related to" if asked.relation is None else asked.relation.value.replace("_", " ")
+    reason = (
+        f"no {asked.first or 'event'} is {how} another {asked.second or 'event'} in {_asked_episodes(asked.present)}"
+    )
     yield MissingKnowledge(EVENT, TYPE, reason)
 
 
@@ -563,10 +542,8 @@ def _holders(world: World) -> Mapping[Iri, Iri]:
 
 
 @changed.missing
-def _missing_change(
-    kb: QuestionContext, since: Time | None = None, until: Time | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
-    yield MissingKnowledge(EVENT, TYPE, f"nothing differs between these times in {_asked_episodes(present)}")
+def _missing_change(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    yield MissingKnowledge(EVENT, TYPE, f"nothing differs between these times in {_asked_episodes(asked.present)}")
 
 
 # -- places and motions of things ------------------------------------------------------------------------------------
@@ -741,24 +718,24 @@ def _edits_are_known(present: StateAccess) -> bool:
 
 
 @who_moved.missing
-def _missing_mover(
-    kb: QuestionContext, thing: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
-    absent = list(_never_there((thing,), present))
+def _missing_mover(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    absent = list(_never_there((asked.thing,), asked.present))
     yield from absent
     if not absent:
-        what = "anything" if thing is None else local_name(thing)
-        yield MissingKnowledge(EVENT, TYPE, f"nothing is recorded to have moved {what} in {_asked_episodes(present)}")
+        what = "anything" if asked.thing is None else local_name(asked.thing)
+        yield MissingKnowledge(
+            EVENT, TYPE, f"nothing is recorded to have moved {what} in {_asked_episodes(asked.present)}"
+        )
 
 
 @last_seen.missing
 @trajectory.missing
-def _missing_thing(
-    kb: QuestionContext, thing: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
-    absent = list(_never_there((thing,), present))
+def _missing_thing(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    absent = list(_never_there((asked.thing,), asked.present))
     yield from absent
-    if thing is None:
+    if asked.thing is None:
         yield MissingKnowledge(EVENT, TYPE, "give thing: the things are not listed one after the other")
     elif not absent:
-        yield MissingKnowledge(EVENT, TYPE, f"nothing is recorded of {local_name(thing)} in {_asked_episodes(present)}")
+        yield MissingKnowledge(
+            EVENT, TYPE, f"nothing is recorded of {local_name(asked.thing)} in {_asked_episodes(asked.present)}"
+        )

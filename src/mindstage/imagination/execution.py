@@ -516,7 +516,7 @@ class _Sample:
             self.watch.set_reference([joint.body])
 
     def _perform(self, step: Perform) -> _Passage:
-        from mindstage.robots.skills.catalog import start_skill  # takes a second, and few plans have skills
+        from mindstage.robots.skills.performance import start_skill  # takes a second, and few plans have skills
 
         if not isinstance(self.simulation, Simulation):
             raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
@@ -788,11 +788,12 @@ class _Validator:
                 self._check_skill(path, step)
 
     def _check_skill(self, path: str, step: Perform) -> None:
-        from mindstage.robots.skills.catalog import SKILLS  # as above
+        from mindstage.robots.skills.declaration import skill_specs  # few plans have skills
 
-        spec = SKILLS.get(step.skill)
+        known = skill_specs()
+        spec = known.get(step.skill)
         if spec is None:
-            self._fail(f"{path}.skill", f"there is no skill {step.skill!r}; {suggestion(step.skill, SKILLS)}")
+            self._fail(f"{path}.skill", f"there is no skill {step.skill!r}; {suggestion(step.skill, known)}")
         try:
             args = spec.check(step.args)
         except InvalidArgumentError as error:

@@ -35,6 +35,7 @@ from mindstage.knowledge.queries.proximity import missing_about, missing_argumen
 from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     IndividualName,
     MapName,
     MissingKnowledge,
@@ -271,21 +272,11 @@ def _explain_front(kb: QuestionContext, row: FrontRow) -> Iterator[str]:
 
 
 @can_open.missing
-def _missing_front(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    to_share: OpenShare | None = None,
-    uncertainty: str | None = None,
-    samples: SampleCount | None = None,
-    seed: Seed | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None:
+def _missing_front(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None:
         yield missing_arguments("give thing: all doors and drawers are not pulled; openings lists them")
         return
-    yield from _missing_fronts(kb, present, thing, map)
+    yield from _missing_fronts(kb, asked.present, asked.thing, asked.map)
 
 
 def _missing_fronts(
@@ -442,21 +433,11 @@ def _explain_pull(kb: QuestionContext, row: PullRow) -> Iterator[str]:
 
 
 @reachable_by_pull.missing
-def _missing_pull(
-    kb: QuestionContext,
-    handle: Iri | None = None,
-    max_force_n: PullForce | None = None,
-    uncertainty: str | None = None,
-    samples: SampleCount | None = None,
-    seed: Seed | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if handle is None:
+def _missing_pull(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.handle is None:
         yield missing_arguments("give handle: all handles are not pulled")
         return
-    yield from _missing_fronts(kb, present, handle, map)
+    yield from _missing_fronts(kb, asked.present, asked.handle, asked.map)
 
 
 # -- vessels ---------------------------------------------------------------------------------------------------------
@@ -631,26 +612,15 @@ def _explain_spill(kb: QuestionContext, row: SpillRow) -> Iterator[str]:
 
 
 @would_spill.missing
-def _missing_spill(
-    kb: QuestionContext,
-    vessel: Iri | None = None,
-    tilt_deg: Tilt | None = None,
-    fill_share: Fraction | None = None,
-    heading_deg: Heading | None = None,
-    tilt_std_deg: Tilt | None = None,
-    fill_std: Fraction | None = None,
-    seed: Seed | None = None,
-    min_probability: Fraction | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if vessel is None:
+def _missing_spill(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.vessel is None:
         yield missing_arguments("give vessel: all things are not tilted")
         return
-    reasons = list(why_not(kb, present, (vessel,), map, "does not spill"))
+    reasons = list(why_not(kb, asked.present, (asked.vessel,), asked.map, "does not spill"))
     yield from reasons
     if not reasons:
-        reason = f"{local_name(vessel)} holds no liquid: its collision shapes have no depression at its present pose"
+        reason = (
+            f"{local_name(asked.vessel)} holds no liquid: its collision shapes have no depression at its present pose"
+        )
         with kb.lock:
-            yield missing_about(kb, vessel, reason, present=present, map=map)
+            yield missing_about(kb, asked.vessel, reason, present=asked.present, map=asked.map)

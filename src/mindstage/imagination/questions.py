@@ -53,6 +53,7 @@ from mindstage.knowledge.queries.visibility import PlaceRelation
 from mindstage.knowledge.questions import (
     AnswerRow,
     Answers,
+    AskedArguments,
     IndividualName,
     MapName,
     MissingKnowledge,
@@ -244,24 +245,11 @@ def _explain_stay(kb: QuestionContext, row: StayRow) -> Iterator[str]:
 
 
 @stays.missing
-def _missing_stay(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    place: Iri | None = None,
-    for_s: ImaginedTime | None = None,
-    relation: PlaceRelation | None = None,
-    uncertainty: str | None = None,
-    samples: SampleCount | None = None,
-    seed: Seed | None = None,
-    min_probability: Fraction | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None:
+def _missing_stay(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None:
         yield missing_arguments("give thing: all things are not watched; mindstage check lists what does not rest")
         return
-    yield from why_not(kb, present, (thing, place), map, "does not stay")
+    yield from why_not(kb, asked.present, (asked.thing, asked.place), asked.map, "does not stay")
 
 
 # -- fits now --------------------------------------------------------------------------------------------------------
@@ -358,24 +346,16 @@ def _explain_placement(kb: QuestionContext, row: PlacementRow) -> Iterator[str]:
 
 
 @fits_now.missing
-def _missing_placement(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    place: Iri | None = None,
-    relation: PlaceRelation | None = None,
-    uncertainty: str | None = None,
-    samples: SampleCount | None = None,
-    seed: Seed | None = None,
-    min_probability: Fraction | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None or place is None:
+def _missing_placement(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None or asked.place is None:
         yield missing_arguments("give thing and place: all pairs of bodies are not tried")
         return
     yield from why_not(
-        kb, present, (thing, place), map, f"cannot be put {relation or 'onto or into'} {local_name(place)}"
+        kb,
+        asked.present,
+        (asked.thing, asked.place),
+        asked.map,
+        f"cannot be put {asked.relation or 'onto or into'} {local_name(asked.place)}",
     )
 
 
@@ -502,24 +482,17 @@ def _explain_tip(kb: QuestionContext, row: TipRow) -> Iterator[str]:
 
 
 @would_tip.missing
-def _missing_tip(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    push_n: PushForce | None = None,
-    height_m: Length | None = None,
-    heading_deg: Heading | None = None,
-    uncertainty: str | None = None,
-    samples: SampleCount | None = None,
-    seed: Seed | None = None,
-    min_probability: Fraction | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None:
+def _missing_tip(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None:
         yield missing_arguments("give thing: all things are not pushed")
         return
-    yield from why_not(kb, present, (thing,), map, f"is not tipped by {5.0 if push_n is None else push_n:g} N")
+    yield from why_not(
+        kb,
+        asked.present,
+        (asked.thing,),
+        asked.map,
+        f"is not tipped by {5.0 if asked.push_n is None else asked.push_n:g} N",
+    )
 
 
 # -- after an edit ---------------------------------------------------------------------------------------------------
@@ -680,25 +653,14 @@ def _explain_what_if(kb: QuestionContext, row: WhatIfRow) -> Iterator[str]:
 
 
 @what_if.missing
-def _missing_what_if(
-    kb: QuestionContext,
-    edit: str | None = None,
-    question: str | None = None,
-    wait_s: ImaginedTime | None = None,
-    samples: SampleCount | None = None,
-    seed: Seed | None = None,
-    min_probability: Fraction | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if edit is None or question is None:
+def _missing_what_if(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.edit is None or asked.question is None:
         yield missing_arguments("give edit and question")
         return
-    if ("what if",) not in present.memo:
+    if ("what if",) not in asked.present.memo:
         yield missing_arguments("no map or simulation is loaded, so there is nothing to edit")
         return
-    trials, answers = present.memo["what if",]
+    trials, answers = asked.present.memo["what if",]
     if trials.probability == 0.0:
         yield missing_arguments(f"the edit cannot be made: {trials.why}")
         return

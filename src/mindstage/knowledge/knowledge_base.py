@@ -882,13 +882,14 @@ class KnowledgeBase:
             add_assumption=self._add_assumption,
             conventions=self._conventions_of(map),
             mesh_bounds=self._mesh_bounds,
+            is_untrusted=self._registry.is_untrusted,
         )
 
     def _read_world(
         self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
     ) -> World:
         """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
-        from mindstage.maps.dialects.registry import read_world  # many questions need no world
+        from mindstage.maps.dialects.detection import read_world  # many questions need no world
 
         with gc_paused():
             source_map = self._source_map(map)

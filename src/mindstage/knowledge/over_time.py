@@ -6,15 +6,20 @@ each state, and every answer gets the intervals in which it is one.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
-from importlib import import_module
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import msgspec
 
-from mindstage.errors import AmbiguousNameError, EpisodeError, NameNotFoundError, QuestionNotFoundError
+from mindstage.errors import (
+    AmbiguousNameError,
+    EpisodeError,
+    InvalidArgumentError,
+    NameNotFoundError,
+    QuestionNotFoundError,
+)
 from mindstage.knowledge.history import EpisodeSource, History, QuestionTime, histories_of
 from mindstage.knowledge.questions import (
     AnswerRow,
@@ -26,10 +31,16 @@ from mindstage.knowledge.questions import (
     get_question,
 )
 
-__all__ = ["argument_names", "ask_over_time", "episode_source", "recorded_so_far", "state_of_time"]
+__all__ = [
+    "EpisodeAdapter",
+    "argument_names",
+    "ask_over_time",
+    "episode_source",
+    "recorded_so_far",
+    "register_episode_adapter",
+    "state_of_time",
+]
 
-_EPISODE_ADAPTER = "mindstage.episodes.history"
-"""The module that makes recordings usable for questions; `knowledge` imports nothing of `episodes`."""
 _SHOWN_EPISODES = 5
 Interval = tuple[float, float]
 
@@ -46,23 +57,39 @@ def argument_names(question: Question[Any] | str) -> frozenset[str]:
     return frozenset(argument.name for argument in question.arguments)
 
 
+class EpisodeAdapter(Protocol):
+    """Makes recordings usable for questions; the package of recordings registers it, which is above this one."""
+
+    def episode_source(self, episode: object, name: str | None) -> EpisodeSource:
+        """See `episode_source`."""
+
+    def recorded_so_far(self, recorder: Any) -> AbstractContextManager[tuple[EpisodeSource, ...]]:
+        """See `recorded_so_far`."""
+
+
+_adapters: list[Callable[[], EpisodeAdapter]] = []
+
+
+def register_episode_adapter(adapter: Callable[[], EpisodeAdapter]) -> None:
+    """Registers a function that returns the adapter, called when it is needed."""
+    _adapters[:] = [adapter]
+
+
 def episode_source(episode: object, name: str | None = None) -> EpisodeSource:
     """Makes a recording usable for questions; see `KnowledgeBase.add_episode`.
 
     Raises:
         InvalidArgumentError: it is no recording.
     """
-    return cast("EpisodeSource", import_module(_EPISODE_ADAPTER).episode_source(episode, name))
+    if not _adapters:
+        remedy = "give a Recording, such as Episode('run.mcap')"
+        raise InvalidArgumentError("the episode", cause=f"{type(episode).__name__} is no recording", remedy=remedy)
+    return _adapters[0]().episode_source(episode, name)
 
 
-@contextmanager
-def recorded_so_far(recorder: object | None) -> Iterator[tuple[EpisodeSource, ...]]:
+def recorded_so_far(recorder: object | None) -> AbstractContextManager[tuple[EpisodeSource, ...]]:
     """What a `Recorder` has recorded, as an episode; empty if it is None or does not record any more."""
-    if recorder is None:
-        yield ()
-    else:
-        with import_module(_EPISODE_ADAPTER).recorded_so_far(recorder) as sources:
-            yield sources
+    return nullcontext(()) if recorder is None else _adapters[0]().recorded_so_far(recorder)
 
 
 def ask_over_time(

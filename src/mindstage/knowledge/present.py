@@ -21,8 +21,9 @@ import pyoxigraph as ox
 from msgspec.structs import replace
 
 from mindstage.knowledge.questions import QuestionContext, StateAccess, WorldState
+from mindstage.maps.io.formats import MapFormat
 from mindstage.maps.io.graph_diff import SourceMapView
-from mindstage.maps.io.write import MapFormat, write_map
+from mindstage.maps.io.write import write_map
 from mindstage.rdf.graphs import PRESENT_GRAPH
 from mindstage.rdf.vocabulary import HAS_LOCALIZATION, TYPE, knowrob, ms, soma
 from mindstage.scene import AxisMotion, Body, BodyId, Iri, Joint, World

@@ -30,6 +30,7 @@ import numpy as np
 import pyoxigraph as ox
 from msgspec.structs import replace
 
+from mindstage.access.resources import from_outside
 from mindstage.knowledge.history import NOW, WorldState, time_arguments
 from mindstage.knowledge.knowledge_base import KnowledgeBase
 from mindstage.knowledge.over_time import argument_names
@@ -138,6 +139,8 @@ class QuestionRequest:
     """Whether the answers are wanted as JSON."""
     as_rows: bool
     """Whether the rows are wanted as objects."""
+    is_outside: bool
+    """Whether a client of a port asks, to whom not all questions are offered."""
     changes: Sequence[StatementChange] = ()
     """See `KnowledgeBase.repeat_changes`."""
     template_size: int = 0
@@ -196,7 +199,8 @@ class _QuestionProcess:
         """Answers one question."""
         try:
             self._update(request)
-            return self._ask(request)
+            with from_outside(request.is_outside):
+                return self._ask(request)
         except _ElsewhereError:
             return QuestionReply(is_elsewhere=True)
         except Exception as error:

@@ -10,13 +10,12 @@ type declares the columns of the answers. Every argument is optional. Further fu
     def _explain(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]: ...
 
     @siblings.missing           # which statements are missing if there is no answer
-    def _missing(kb: QuestionContext, cls: ClassName | None = None) -> Iterator[MissingKnowledge]: ...
+    def _missing(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]: ...
 
     @question(sentences=("what is like {cls}",))  # plain sentences that ask it, see `mindstage.knowledge.sentences`
 
-A question about the current state has the additional keyword argument `present: StateAccess`, and so has its function
-for missing statements. It is passed by `Question.ask` and is not part of any interface. Without a simulation, the
-state is that of the maps.
+A question about the current state has the additional keyword argument `present: StateAccess`. It is passed by
+`Question.ask` and is not part of any interface. Without a simulation, the state is that of the maps.
 
 An argument that is an individual may be given as a class: the answers are then those for each of its individuals.
 """
@@ -30,7 +29,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
-from importlib import import_module
 from itertools import islice, product
 from math import prod
 from operator import attrgetter
@@ -52,6 +50,8 @@ from typing import (
 import msgspec
 from msgspec import Meta
 
+from mindstage.access.policies import Access
+from mindstage.access.resources import is_outside_request
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError, QuestionNotFoundError
 from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.history import (
@@ -65,11 +65,11 @@ from mindstage.knowledge.history import (
     histories_of,
 )
 from mindstage.knowledge.names import EntityType, NamedThing, NameIndex, NameQuality
-from mindstage.knowledge.question_catalog import CATALOG
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.ranges import Range, check_number, range_of
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import EVENT, TYPE
+from mindstage.registry import Group, extensions, load_all
 from mindstage.scene import (
     Body,
     Iri,
@@ -92,6 +92,7 @@ __all__ = [
     "MAP_SOURCE",
     "AnswerRow",
     "Answers",
+    "AskedArguments",
     "ClassName",
     "IndividualName",
     "MapName",
@@ -109,7 +110,6 @@ __all__ = [
     "list_questions",
     "question",
     "question_names",
-    "questions_with_words",
     "subject_column",
 ]
 
@@ -127,23 +127,8 @@ _FEW_COMBINATIONS = 8
 """The number of individuals that are asked about one by one, even if a question is a relation."""
 _MAX_MISSING = 20
 """The maximum number of missing statements for the individuals of a class."""
-_QUESTIONS: dict[str, Question[Any]] = {}
-DECLARING_MODULES = (
-    "mindstage.knowledge.queries.individuals",
-    "mindstage.knowledge.queries.spatial",
-    "mindstage.knowledge.queries.proximity",
-    "mindstage.knowledge.queries.storage",
-    "mindstage.knowledge.queries.inventory",
-    "mindstage.knowledge.queries.maps",
-    "mindstage.knowledge.queries.navigation",
-    "mindstage.knowledge.queries.taxonomy",
-    "mindstage.knowledge.queries.visibility",
-    "mindstage.imagination.front_questions",
-    "mindstage.imagination.questions",
-    "mindstage.episodes.questions",
-    "mindstage.robots.abilities",
-)
-"""The modules that declare questions, in the order in which questions are listed; imported when first needed."""
+_declared: dict[tuple[str, str], Question[Any]] = {}
+"""The questions of all imported modules by module and name; most are entry points."""
 
 
 class QuestionContext(Protocol):
@@ -503,6 +488,21 @@ class QuestionArgument:
         return " | ".join(self.choices) or ("number" if self.value_type in {int, float} else self.value_type.__name__)
 
 
+class AskedArguments:
+    """The arguments of a question that has no answer: `asked.thing` is that of `thing`, None if it was not given."""
+
+    def __init__(self, values: Mapping[str, object], present: StateAccess) -> None:
+        self._values = values
+        self.present = present
+        """Access to the current state."""
+
+    def __getattr__(self, name: str) -> Any:
+        return self._values.get(name)
+
+
+_FindMissing = Callable[["QuestionContext", AskedArguments], "Iterator[MissingKnowledge]"]
+
+
 class Question(Generic[R]):
     """A declared question."""
 
@@ -514,8 +514,10 @@ class Question(Generic[R]):
         is_relation: bool = False,
         imagines: bool = False,
         about_past: bool = False,
+        access: Access | None = None,
     ) -> None:
         self.name = function.__name__
+        self.access = access
         self.module = function.__module__
         """The module that declares it."""
         self.sentences = tuple(sentences)
@@ -536,7 +538,7 @@ class Question(Generic[R]):
         """Arguments of `mindstage ask`, one example per line."""
         self._function = function
         self._explain: Callable[[QuestionContext, R], Iterator[str]] | None = None
-        self._find_missing: Callable[..., Iterator[MissingKnowledge]] | None = None
+        self._find_missing: _FindMissing | None = None
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
@@ -613,8 +615,8 @@ class Question(Generic[R]):
         self._explain = function
         return function
 
-    def missing(self, function: Callable[..., Iterator[MissingKnowledge]]) -> Callable[..., Iterator[MissingKnowledge]]:
-        """Registers the function that finds the missing statements; it takes the question's arguments."""
+    def missing(self, function: _FindMissing) -> _FindMissing:
+        """Registers the function that finds the missing statements."""
         self._find_missing = function
         return function
 
@@ -726,8 +728,8 @@ class Question(Generic[R]):
                 yield MissingKnowledge(cls, TYPE, reason, claims=(Claim(kind=ClaimKind.NO_INSTANCE, object=cls),))
         if self._find_missing is None:
             return
-        view = {"present": state_access} if self.uses_current_state or self.about_past else {}
-        lacks = (lack for args in self._combinations(found, classes) for lack in self._find_missing(kb, **args, **view))
+        asked = (AskedArguments(args, state_access) for args in self._combinations(found, classes))
+        lacks = (lack for each in asked for lack in self._find_missing(kb, each))
         yield from islice(dict.fromkeys(islice(lacks, _MAX_COMBINATIONS)), _MAX_MISSING if classes else None)
 
     def _parse_argument(self, kb: QuestionContext, state_access: StateAccess, name: str, value: object) -> object:
@@ -781,7 +783,12 @@ class Question(Generic[R]):
 def question(function: Callable[..., Iterator[R]]) -> Question[R]: ...
 @overload
 def question(
-    *, sentences: Sequence[str] = (), is_relation: bool = False, imagines: bool = False, about_past: bool = False
+    *,
+    sentences: Sequence[str] = (),
+    is_relation: bool = False,
+    imagines: bool = False,
+    about_past: bool = False,
+    access: Access | None = None,
 ) -> Callable[[Callable[..., Iterator[R]]], Question[R]]: ...
 def question(
     function: Callable[..., Iterator[R]] | None = None,
@@ -790,8 +797,9 @@ def question(
     is_relation: bool = False,
     imagines: bool = False,
     about_past: bool = False,
+    access: Access | None = None,
 ) -> Question[R] | Callable[[Callable[..., Iterator[R]]], Question[R]]:
-    """Declares a question under the function's name, which must be unique.
+    """Declares a question under the function's name.
 
     Args:
         function: the generator function, if this is used without arguments.
@@ -800,32 +808,46 @@ def question(
         is_relation: see `Question.is_relation`.
         imagines: see `Question.imagines`.
         about_past: see `Question.about_past`.
+        access: `Access.READ` offers a question that is no entry point to clients of ports; those of entry points
+            declare it there.
     """
 
     def declare(function: Callable[..., Iterator[R]]) -> Question[R]:
         declared = Question(
-            function, sentences=sentences, is_relation=is_relation, imagines=imagines, about_past=about_past
+            function,
+            sentences=sentences,
+            is_relation=is_relation,
+            imagines=imagines,
+            about_past=about_past,
+            access=access,
         )
-        if declared.name in _QUESTIONS:
-            raise ValueError(f"there are two questions {declared.name}")
-        _QUESTIONS[declared.name] = declared
+        _declared[declared.module, declared.name] = declared
         return declared
 
     return declare if function is None else declare(function)
 
 
+def _questions_of_program() -> dict[str, Question[Any]]:
+    """The questions of imported modules that are no entry points; for the client of a port those that are offered."""
+    installed = extensions(Group.QUESTIONS)
+    references = {(each.module, each.attribute) for each in installed.values()}
+    return {
+        each.name: each
+        for key, each in tuple(_declared.items())
+        if key not in references
+        and each.name not in installed
+        and (each.access is Access.READ or not is_outside_request())
+    }
+
+
 def list_questions() -> tuple[Question[Any], ...]:
-    """All questions, in the order of their declaration."""
-    for module in DECLARING_MODULES:
-        import_module(module)
-    places = {module: place for place, module in enumerate(DECLARING_MODULES)}
-    # Modules are imported in any order, since a question is looked up without the others.
-    return tuple(sorted(_QUESTIONS.values(), key=lambda each: places.get(each.module, len(places))))
+    """All questions: those of installed packages by name, then those of this program."""
+    return (*load_all(Group.QUESTIONS, Question).values(), *_questions_of_program().values())
 
 
 def question_names() -> tuple[str, ...]:
     """The names of all questions, without importing the modules that declare them."""
-    return tuple(dict.fromkeys([*CATALOG, *_QUESTIONS]))
+    return (*extensions(Group.QUESTIONS), *_questions_of_program())
 
 
 def get_question(name: str) -> Question[Any]:
@@ -835,29 +857,15 @@ def get_question(name: str) -> Question[Any]:
 
     Raises:
         QuestionNotFoundError: there is no such question.
+        ExtensionError: the package that adds it cannot be imported.
     """
     known = name.replace("-", "_")
-    if known not in _QUESTIONS:
-        if known in CATALOG:
-            import_module(CATALOG[known].module)
-        else:
-            list_questions()
+    if (installed := extensions(Group.QUESTIONS).get(known)) is not None:
+        return installed.load(Question)
     try:
-        return _QUESTIONS[known]
+        return _questions_of_program()[known]
     except KeyError:
         raise QuestionNotFoundError(name, known=question_names()) from None
-
-
-def questions_with_words(words: Collection[str]) -> Iterator[Question[Any]]:
-    """The questions with a sentence that consists of some of these words and of arguments.
-
-    Args:
-        words: words as in `SentencePattern.word_sets`.
-    """
-    for name in question_names():
-        entry = CATALOG.get(name)
-        if entry is None or any(all(word in words for word in wording.split()) for wording in entry.wordings):
-            yield get_question(name)
 
 
 def _no_episode() -> MissingKnowledge:

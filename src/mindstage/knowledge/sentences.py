@@ -17,7 +17,7 @@ The time is bounded: by the length of a sentence, the number of its words, and t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import Enum
@@ -34,9 +34,10 @@ from mindstage.knowledge.questions import (
     QuestionContext,
     get_question,
     list_questions,
-    questions_with_words,
+    question_names,
 )
 from mindstage.rdf.graphs import PREFIXES, local_name
+from mindstage.registry import Group, catalog, extensions
 from mindstage.scene import Iri
 
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "SentencePattern",
     "Understanding",
     "is_sentence",
+    "questions_with_words",
     "resolve_question",
     "sentence_patterns",
     "understand",
@@ -316,6 +318,28 @@ def sentence_patterns(question: Question[Any]) -> tuple[SentencePattern, ...]:
             pattern = _pattern(template, words, arguments)
             found.setdefault((pattern.items, tuple(pattern.constants.items())), pattern)
     return tuple(found.values())
+
+
+def questions_with_words(words: Collection[str]) -> Iterator[Question[Any]]:
+    """The questions with a sentence that consists of some of these words and of arguments; others are not imported.
+
+    Args:
+        words: words as in `SentencePattern.word_sets`.
+    """
+    known = catalog(Group.QUESTIONS, Question, _smallest_word_sets, tuple[str, ...])
+    for name in question_names():
+        if name in known:
+            if any(all(word in words for word in wording.split()) for wording in known[name]):
+                yield get_question(name)
+        elif name not in extensions(Group.QUESTIONS):
+            yield get_question(name)
+
+
+def _smallest_word_sets(question: Question[Any]) -> tuple[str, ...]:
+    """The words of its sentences, with those of enumerations and no other arguments; none contains all of another."""
+    sets = {words for pattern in sentence_patterns(question) for words in pattern.word_sets()}
+    smallest = (each for each in sets if not any(other < each for other in sets))
+    return tuple(sorted(" ".join(sorted(words)) for words in smallest))
 
 
 def _pattern(template: str, words: Sequence[str], arguments: Mapping[str, QuestionArgument]) -> SentencePattern:

@@ -52,6 +52,7 @@ from mindstage.maps.io.files import (
     same_file,
     soma_alignment,
 )
+from mindstage.maps.io.formats import MapFormat, read_with, readable_suffixes
 from mindstage.maps.io.ros_packages import RosPackagePath, file_from_iri
 from mindstage.maps.io.xml import external_reference
 from mindstage.maps.urdf.in_maps import ClassNameIndex, UrdfSources, is_urdf, linked_individuals
@@ -107,12 +108,20 @@ _CHANGED_MESSAGE = "it has changed since it was stored"
 
 
 def read_map_file(path: Path, urdf_sources: UrdfSources) -> SourceFile:
-    """Reads a map file, or a robot description as a map.
+    """Reads a map file, or a robot description or a file of another format as a map.
 
     Raises:
         SourceParseError: it does not exist, is truncated or unsafe, or its format is unknown.
     """
-    return urdf_sources.urdf_as_map(path) if is_urdf(path) else preprocess(read_file(path), urdf_sources)
+    if is_urdf(path):
+        return urdf_sources.urdf_as_map(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES and path.is_file() and (format := readable_suffixes().get(suffix)) is not None:
+        from mindstage.maps.io.write import write_map  # few files are of other formats
+
+        world = read_with(format, path)
+        return SourceFile(path, write_map(world, format=MapFormat.TURTLE).encode(), ox.RdfFormat.TURTLE)
+    return preprocess(read_file(path), urdf_sources)
 
 
 def preprocess(file: SourceFile, urdf_sources: UrdfSources) -> SourceFile:
@@ -498,6 +507,8 @@ class SourceRegistry:
         self.conventions: dict[Path, UnitConventions] = {}
         self.assumptions: list[Assumption] = []
         """Assumptions about robot descriptions."""
+        self.is_untrusted = False
+        """Whether a file came over a port."""
         self._loading_findings: dict[Finding, None] = {}
         self._urdf_paths: dict[Path, None] = {}
         self._package_path = RosPackagePath()
@@ -595,6 +606,7 @@ class SourceRegistry:
             if conventions != UnitConventions():
                 self.conventions |= dict.fromkeys((path.resolve() for path in paths), conventions)
             self._commit(transaction)
+            self.is_untrusted |= untrusted
             if builder:
                 reasoner = builder.reasoner()
                 self._maps_by_source |= builder.maps_by_source

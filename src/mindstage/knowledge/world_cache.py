@@ -1,6 +1,7 @@
 """A folder with the worlds that were read from maps, so that another process with the same files need not read them.
 
-An entry belongs to the contents of all loaded files, the conventions that were given, and the program that read them:
+An entry belongs to the contents of all loaded files, the conventions that were given, and the program that read them,
+with what packages add to it:
 none of it can change without another key. An entry that is damaged or of another format counts as missing. The least
 recently used entries are deleted.
 """
@@ -19,6 +20,7 @@ import msgspec
 from mindstage.files import atomic_write
 from mindstage.maps.dialects.conventions import Assumption
 from mindstage.rdf.graphs import Finding, gc_paused
+from mindstage.registry import Group, fingerprint
 from mindstage.scene import Iri, World
 
 __all__ = ["WorldCache", "WorldReading"]
@@ -94,7 +96,8 @@ class WorldCache:
         return True
 
     def _path(self, map: Iri, sources: bytes) -> Path:
-        key = blake2b(msgspec.msgpack.encode((_program(), map, sources)), digest_size=_DIGEST_BYTES)
+        readers = fingerprint(Group.DIALECTS, Group.FORMATS)
+        key = blake2b(msgspec.msgpack.encode((_program(), readers, map, sources)), digest_size=_DIGEST_BYTES)
         return self._folder / f"{key.hexdigest()}{_SUFFIX}"
 
     def _delete_oldest(self, newest: Path) -> None:

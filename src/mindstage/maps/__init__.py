@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     )
     from mindstage.maps.dialects.map_statistics import MapStatistics
     from mindstage.maps.io.files import bundled_kitchen, bundled_ontology
+    from mindstage.maps.io.formats import MapFormat
     from mindstage.maps.io.graph_diff import SourceMapView, lost_statements
-    from mindstage.maps.io.write import MapDialect, MapFormat, save_map, write_map
+    from mindstage.maps.io.write import MapDialect, save_map, write_map
 
 __all__ = [
     "Assumption",
@@ -44,7 +45,7 @@ _MODULES = {
     "Handedness": "mindstage.maps.dialects.conventions",
     "LengthUnit": "mindstage.maps.dialects.conventions",
     "MapDialect": "mindstage.maps.io.write",
-    "MapFormat": "mindstage.maps.io.write",
+    "MapFormat": "mindstage.maps.io.formats",
     "MapStatistics": "mindstage.maps.dialects.map_statistics",
     "QuaternionOrder": "mindstage.maps.dialects.conventions",
     "SizeFrame": "mindstage.maps.dialects.conventions",

@@ -14,7 +14,7 @@ from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.imagination.verdicts import imagine
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import Atom, Compound, Value
-from mindstage.robots.skills.declaration import SkillSpec
+from mindstage.robots.skills.declaration import SkillSpec, skill_specs
 from mindstage.simulation import Simulation
 
 __all__ = ["PlanPredicates", "check_from_term", "plan_from_term", "skill_from_term", "trial_options"]
@@ -130,15 +130,14 @@ def skill_from_term(term: Value) -> tuple[str, dict[str, str | float]]:
     Raises:
         InvalidArgumentError: there is no such skill, or it does not take these arguments.
     """
-    from mindstage.robots.skills.catalog import SKILLS  # imports motion planning, which takes a second
-
     if isinstance(term, Compound):
         name, arguments = term.name, term.arguments
     else:
         name, arguments = _name(term), ()
-    spec = SKILLS.get(name)
+    known = skill_specs()
+    spec = known.get(name)
     if spec is None:
-        raise InvalidArgumentError("perform", cause=f"there is no skill {name!r}", remedy=f"{suggestion(name, SKILLS)}")
+        raise InvalidArgumentError("perform", cause=f"there is no skill {name!r}", remedy=f"{suggestion(name, known)}")
     args: dict[str, object] = {}
     for at, argument in enumerate(arguments):
         key, value = _argument(spec, at, argument)

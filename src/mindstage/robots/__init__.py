@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from mindstage.robots.models.model import RobotModel
     from mindstage.robots.navigation import plan_base
     from mindstage.robots.planning import plan_arm, plan_line, plan_path
-    from mindstage.robots.robot import Robot, add_robot
+    from mindstage.robots.robot import JointState, Odometry, Robot, add_robot
     from mindstage.robots.self_models import add_self_model, read_self_model
     from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 
@@ -23,7 +23,9 @@ __all__ = [
     "BasePlacement",
     "HasRobots",
     "IkResult",
+    "JointState",
     "JointTrajectory",
+    "Odometry",
     "Robot",
     "RobotKinematics",
     "RobotModel",
@@ -46,7 +48,7 @@ _NAMES_BY_MODULE = {
     "models.model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
-    "robot": ("Robot", "add_robot"),
+    "robot": ("JointState", "Odometry", "Robot", "add_robot"),
     "self_models": ("add_self_model", "read_self_model"),
     "trajectories": ("JointTrajectory", "TrajectoryPoint"),
 }

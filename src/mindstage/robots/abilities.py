@@ -21,6 +21,7 @@ from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     MissingKnowledge,
     QuestionContext,
@@ -380,16 +381,14 @@ def _explain_ability(kb: QuestionContext, row: AbilityRow) -> Iterator[str]:
 
 
 @can.missing
-def _missing_ability(
-    kb: QuestionContext, robot: str | None = None, action: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
+def _missing_ability(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     rules = _Rules.of(kb)
-    profiles = list(_profiles(kb, present, robot))
-    if (unknown := _unknown(rules, profiles, action)) is not None:
+    profiles = list(_profiles(kb, asked.present, asked.robot))
+    if (unknown := _unknown(rules, profiles, asked.action)) is not None:
         yield unknown
         return
     for profile in profiles:
-        for each in rules.known_actions() if action is None else (action,):
+        for each in rules.known_actions() if asked.action is None else (asked.action,):
             for lack in rules.lacks(profile, each):
                 reason = f"{profile.name} cannot do {local_name(each)}: {lack.reason}"
                 if lack.needed_by != each:
@@ -485,14 +484,12 @@ def _explain_lack(kb: QuestionContext, row: LackRow) -> Iterator[str]:
 
 
 @missing_for_action.missing
-def _missing_lack(
-    kb: QuestionContext, robot: str | None = None, action: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
+def _missing_lack(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     rules = _Rules.of(kb)
-    profiles = list(_profiles(kb, present, robot))
-    if (unknown := _unknown(rules, profiles, action)) is not None:
+    profiles = list(_profiles(kb, asked.present, asked.robot))
+    if (unknown := _unknown(rules, profiles, asked.action)) is not None:
         yield unknown
         return
-    what = "every action that is described" if action is None else local_name(action)
+    what = "every action that is described" if asked.action is None else local_name(asked.action)
     names = ", ".join(profile.name for profile in profiles)
-    yield MissingKnowledge(action or _ACTION, _ON_COMPONENT, f"nothing: {names} is able to do {what}")
+    yield MissingKnowledge(asked.action or _ACTION, _ON_COMPONENT, f"nothing: {names} is able to do {what}")

@@ -19,9 +19,11 @@ import msgspec
 from mindstage.access.fair_queue import current_caller
 from mindstage.access.limits import Timeout
 from mindstage.access.policies import EDIT, QUERY
+from mindstage.access.resources import from_outside
 from mindstage.bridge import GraphInfo, LocalNode, Node, RosbridgeClient
 from mindstage.errors import MessageValidationError, MindstageError
-from mindstage.knowledge.queries import answers_to_builtins, list_questions
+from mindstage.knowledge.queries import answers_to_builtins
+from mindstage.knowledge.questions import question_names
 from mindstage.msgs import RosVersion, diagnostic_msgs, mindstage_msgs, visualization_msgs
 from mindstage.ranges import TimeStep, checked
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
@@ -94,9 +96,12 @@ class QuestionServices:
         # Also relative to the namespace: of several simulations at one server, only one can have the absolute name.
         for name in (f"{_QUESTION_NAMESPACE}/ask", "mindstage/ask"):
             yield ServiceSpec(mindstage_msgs.Ask, self.handle_ask, QUERY, name=name)
-        for question in list_questions():
-            name = f"{_QUESTION_NAMESPACE}/{question.name}"
-            yield ServiceSpec(mindstage_msgs.Ask, self._question_handler(question.name), QUERY, name=name)
+        with from_outside():
+            names = question_names()
+        for name in names:
+            yield ServiceSpec(
+                mindstage_msgs.Ask, self._question_handler(name), QUERY, name=f"{_QUESTION_NAMESPACE}/{name}"
+            )
 
     def handle_ask(
         self, request: mindstage_msgs.Ask.Request

@@ -10,6 +10,8 @@ import os
 import threading
 import time
 from collections.abc import Iterator
+from contextvars import copy_context
+from functools import partial
 from typing import Any, TypeVar
 
 import msgspec
@@ -81,7 +83,8 @@ class _SupervisedTrial:
         """Waits for the verdict, the cancellation or the end of the budget."""
         plan, arguments = self._parsed()
         deadline_s = time.monotonic() + self._budget_s + _END_GRACE_S
-        threading.Thread(target=self._try, args=(plan, arguments), name="mindstage-try-plan", daemon=True).start()
+        run = partial(copy_context().run, self._try, plan, arguments)  # what it may use is decided by the context
+        threading.Thread(target=run, name="mindstage-try-plan", daemon=True).start()
         try:
             while not self._ended.wait(_POLL_S):
                 if self._context.cancelled:

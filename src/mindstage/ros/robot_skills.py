@@ -16,9 +16,11 @@ import msgspec
 
 from mindstage.access.limits import SKILL_REPLACEMENT
 from mindstage.access.policies import GOAL, READ, SPAWN
+from mindstage.access.resources import from_outside
 from mindstage.bridge.conversions import pose_from_message
 from mindstage.errors import InvalidArgumentError, MessageValidationError, MindstageError, RobotError
 from mindstage.msgs import mindstage_msgs as wire
+from mindstage.registry import Group, extensions
 from mindstage.robots import find_robot
 from mindstage.ros.queries import parse_arguments
 from mindstage.ros.service import ActionSpec, GoalAbortedError, GoalCanceledError, GoalContext, ServiceSpec
@@ -74,19 +76,20 @@ class RobotSkills:
 
     def skill_actions(self) -> Iterator[ActionSpec]:
         """Yields the action of each skill."""
-        from mindstage.robots.skills.catalog import SKILLS
-
-        for name in SKILLS:
+        with from_outside():
+            names = tuple(extensions(Group.SKILLS))
+        for name in names:
             yield ActionSpec(wire.Perform, partial(self.perform, name), GOAL, name=f"mindstage/skills/{name}")
 
     def list_skills(self, _: wire.ListSkills.Request) -> wire.ListSkills.Response:
         """Returns the skills with their arguments, and the robots."""
-        from mindstage.robots.skills.catalog import SKILLS
+        from mindstage.robots.skills.declaration import skill_specs
 
-        specs = [_spec(spec) for spec in SKILLS.values()]
+        known = skill_specs()
+        specs = [_spec(spec) for spec in known.values()]
         return wire.ListSkills.Response(
             success=True,
-            skills=tuple(SKILLS),
+            skills=tuple(known),
             robots=tuple(self._simulation.robots),
             specs=msgspec.json.encode(specs).decode(),
         )
@@ -124,7 +127,7 @@ class RobotSkills:
             GoalAbortedError: it was refused before it began, or did not succeed; with the result.
             GoalCanceledError: it was canceled, or another one replaced it.
         """
-        from mindstage.robots.skills.catalog import start_skill
+        from mindstage.robots.skills.performance import start_skill
 
         name = (goal.skill or skill).replace("-", "_")
         steps: list[SkillStep] = []

@@ -47,6 +47,7 @@ from mindstage.access.limits import (
     QUESTION_WAIT,
     QUESTIONS,
 )
+from mindstage.access.resources import is_outside_request
 from mindstage.errors import (
     MindstageError,
     QuestionProcessError,
@@ -323,6 +324,7 @@ class _Worker:
             args=asked.args,
             as_json=asked.as_json,
             as_rows=asked.as_rows,
+            is_outside=asked.context.run(is_outside_request),
             changes=changes,
             template_size=template_size,
             memory_size=size,
@@ -461,7 +463,7 @@ class QuestionPool:
             as_json=not as_rows,
             as_rows=as_rows or bool(self._simulation.is_observed),
             uses_state=is_sentence(question) or get_question(question).uses_current_state,
-            key=msgspec.json.encode((question, sorted(args.items()), as_rows)),
+            key=msgspec.json.encode((question, sorted(args.items()), as_rows, is_outside_request())),
             context=copy_context(),
         )
         state = self._states.known() if asked.uses_state else None

@@ -81,7 +81,7 @@ if TYPE_CHECKING:
     from mindstage.geometry.fit import MeshProvider
     from mindstage.rendering.camera import CameraPose
     from mindstage.rendering.path_tracing import PathTracedPicture, PathTracingSettings
-    from mindstage.saving import FileDialect, FileFormat
+    from mindstage.saving import FileDialect
 
 __all__ = ["Simulation"]
 
@@ -840,7 +840,7 @@ class Simulation:
         self,
         path: str | os.PathLike[str],
         *,
-        format: FileFormat | str | None = None,
+        format: str | None = None,
         dialect: FileDialect | str | None = None,
         assets: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
         plain_shapes: bool = False,

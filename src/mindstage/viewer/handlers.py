@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 import time
 import weakref
+from base64 import b64encode
 from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,8 +31,11 @@ from mindstage.errors import (
 )
 from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase
-from mindstage.maps import MapDialect, MapFormat, SourceMapView, UnitConventions, write_map
+from mindstage.maps import MapDialect, SourceMapView, UnitConventions, write_map
+from mindstage.maps.io.formats import WorldFormat, readable_suffixes
+from mindstage.registry import Group, load_all
 from mindstage.rendering.screenshot import LabelMode
+from mindstage.saving import file_format
 from mindstage.scene import Body, BodyId, Iri, Joint, Pose, Vector, World
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnapshot
 from mindstage.simulation.state import poses_in
@@ -55,15 +59,15 @@ __all__ = ["SELECTED", "ClockMessage", "FileHandler", "Handlers", "ViewHandler",
 
 
 _SUFFIXES = (".owl", ".rdf", ".xml", ".ttl", ".urdf")
-_FILE_TYPES = {MapFormat.RDF_XML: (".owl", "application/rdf+xml"), MapFormat.TURTLE: (".ttl", "text/turtle")}
 
 
 class SaveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `save`."""
 
-    format: MapFormat = MapFormat.RDF_XML
+    format: str = "owl"
+    """The name of a format that is offered to clients."""
     dialect: MapDialect | None = None
-    """None is the dialect of the spawned map, if there is one."""
+    """That of a semantic map; None is the dialect of the spawned map, if there is one."""
 
 
 class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -87,15 +91,25 @@ class FileHandler:
         self._simulation, self._channel = simulation, channel
         self._loaded: KnowledgeBase | None = None
         channel.register("save", SaveRequest, self._save, FILE, queue="files")
+        channel.register("formats", EmptyRequest, self._formats, READ)
         channel.register("load", LoadRequest, self._load, FILE, queue="files")
 
     def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
         world = self._simulation.snapshot()
+        _, format = file_format("", request.format, dialect=request.dialect)
+        name = f"{_safe_filename(world.name) or 'map'}{format.suffixes[0]}"
+        if format.syntax is None:
+            with TemporaryDirectory(prefix="mindstage-") as folder:
+                self._simulation.save(Path(folder, name), format=request.format)
+                return {"name": name, "base64": b64encode(Path(folder, name).read_bytes()).decode()}
         source_view = self._source_view(world) if request.dialect is None else None
         dialect = request.dialect or MapDialect.SEMLOG
-        text = write_map(world, format=request.format, dialect=dialect, source_view=source_view)
-        suffix, type = _FILE_TYPES[request.format]
-        return {"name": f"{_safe_filename(world.name) or 'map'}{suffix}", "type": type, "text": text}
+        return {"name": name, "text": write_map(world, format=format.syntax, dialect=dialect, source_view=source_view)}
+
+    def _formats(self, _: ClientSession, __: EmptyRequest) -> list[dict[str, str]]:
+        """The formats in which the world can be saved, besides semantic maps."""
+        known = load_all(Group.FORMATS, WorldFormat).items()
+        return [{"name": name, "title": each.title} for name, each in known if each.write is not None]
 
     def _source_view(self, world: World) -> SourceMapView | None:
         try:
@@ -132,8 +146,8 @@ class FileHandler:
             KnowledgeError: the file cannot be parsed, or contains no map.
         """
         suffix = Path(request.name).suffix.lower()
-        if suffix not in _SUFFIXES:
-            raise InvalidArgumentError(request.name, cause=f"a map ends in {', '.join(_SUFFIXES)}")
+        if suffix not in (known := (*_SUFFIXES, *readable_suffixes())):
+            raise InvalidArgumentError(request.name, cause=f"a map ends in {', '.join(known)}")
         knowledge = self._simulation.knowledge.ontologies_only()
         folder = TemporaryDirectory(prefix="mindstage-")
         # Saving in the dialect of the source reads the file again, so it is kept as long as the knowledge base.

@@ -32,8 +32,16 @@ from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.models.model import Arm, RobotJointType
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.catalog import SKILLS, start_skill
-from mindstage.robots.skills.declaration import ParameterType, SkillParameter, SkillResult, SkillSpec, SkillStep
+from mindstage.robots.sensors import measure, sensor_names
+from mindstage.robots.skills.declaration import (
+    ParameterType,
+    SkillParameter,
+    SkillResult,
+    SkillSpec,
+    SkillStep,
+    skill_specs,
+)
+from mindstage.robots.skills.performance import start_skill
 from mindstage.robots.standing import add_standing_robot
 from mindstage.scene import Vector
 from mindstage.scene.transforms import Array, normalize
@@ -67,6 +75,15 @@ class RobotRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `robots.remove` and `robots.stop`."""
 
     robot: _Name
+
+
+class SensorRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `robots.measure`."""
+
+    robot: _Name
+    sensor: _Name
+    link: Annotated[str, Meta(max_length=200)] = ""
+    """By default see `mindstage.robots.sensors.measure`."""
 
 
 class AddRobotRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -350,6 +367,7 @@ class RobotHandler:
             ("region", RegionRequest, self._show_region, QUERY),
             ("skill", RunSkillRequest, self._run_skill, RUN),
             ("stop", RobotRequest, self._stop, EDIT),
+            ("measure", SensorRequest, self._measure, QUERY),
         )
         for name, request_type, handler, policy in requests:
             queue = f"{_QUEUE}.{name}" if name in _SLOW else _QUEUE
@@ -418,9 +436,10 @@ class RobotHandler:
     # -- robots --------------------------------------------------------------------------------------------------------
 
     def _offer(self, _: ClientSession, __: EmptyRequest) -> dict[str, object]:
-        """The models that can be added, and the skills."""
+        """The models that can be added, the skills, and the sensors."""
         models = [{"name": each.name, "title": each.title} for each in list_models() if each.is_installed]
-        return {"models": models, "skills": [skill_form(spec) for spec in SKILLS.values()]}
+        skills = [skill_form(spec) for spec in skill_specs().values()]
+        return {"models": models, "skills": skills, "measurable": sensor_names()}
 
     def _add(self, session: ClientSession, request: AddRobotRequest) -> str:
         known = [each.name for each in list_models()]
@@ -432,6 +451,9 @@ class RobotHandler:
         robot = add_standing_robot(self._simulation, request.model, request.at, near=near)
         self.publish()
         return robot.name
+
+    def _measure(self, _: ClientSession, request: SensorRequest) -> object:
+        return measure(self._robot(request.robot), request.sensor, request.link)
 
     def _remove(self, _: ClientSession, request: RobotRequest) -> None:
         robot = self._robot(request.robot)

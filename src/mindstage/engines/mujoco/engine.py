@@ -26,6 +26,7 @@ from mindstage.engines.base import (
     Capability,
     Contact,
     DynamicsScale,
+    EngineFactory,
     EngineStats,
     PoseArray,
     RebuildTime,
@@ -883,6 +884,9 @@ def _check_warnings(compiled: CompiledModel) -> list[SpawnNote]:
         text = f"at {compiled.data.time:.3f} s MuJoCo warned: {mujoco.mju_warningText(kind, counter.lastinfo)}"
         notes.append(SpawnNote(SpawnNoteKind.SOLVER, (), text))
     return notes
+
+
+MUJOCO_ENGINE = EngineFactory(("mujoco",), lambda name, settings: MujocoEngine())
 
 
 # MuJoCo counts its warnings, and `_check_warnings` reports them. By default it also writes them to a file in the

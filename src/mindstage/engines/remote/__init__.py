@@ -11,6 +11,7 @@ from typing import Any
 
 from mindstage.access.limits import Timeout
 from mindstage.access.visitors import is_loopback
+from mindstage.engines.base import EngineFactory, EngineSettings
 from mindstage.engines.remote.client import SCHEME, RemoteProfile, RemoteUrl, ServiceClient
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.engines.remote.engine import RemoteEngine
@@ -21,7 +22,7 @@ from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ranges import checked
 
-__all__ = ["SCHEME", "RemoteEngine", "RemoteProfile", "RemoteUrl", "connect"]
+__all__ = ["REMOTE_ENGINE", "SCHEME", "TLS_ENGINE", "RemoteEngine", "RemoteProfile", "RemoteUrl", "connect"]
 
 _ENGINE_SERVICES = ("/mindstage/describe", "/spawn_semantic_map")
 """Service names, after the namespace, that only an engine has."""
@@ -63,6 +64,14 @@ def connect(
     except BaseException:
         client.close()
         raise
+
+
+def _make_remote(name: str, settings: EngineSettings) -> RemoteEngine:
+    return connect(name, timeout_s=10.0 if settings.timeout_s is None else settings.timeout_s)
+
+
+REMOTE_ENGINE = EngineFactory(("ros://HOST:PORT/NAMESPACE",), _make_remote)
+TLS_ENGINE = EngineFactory(("ros+tls://HOST:PORT/NAMESPACE",), _make_remote)
 
 
 def _mindstage_engine(client: ServiceClient, *, control_time: bool) -> MindstageRemoteEngine:

@@ -18,6 +18,7 @@ from mindstage.access.limits import BridgeLimits, Timeout
 from mindstage.assets.cache import cache_geometry_glb, geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.conversions import point_message
+from mindstage.engines.base import EngineFactory, EngineSettings
 from mindstage.engines.remote.client import RemoteUrl, ServiceClient
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.engines.remote.godot_process import GodotProcess, find_godot, prepare_project
@@ -26,7 +27,7 @@ from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ranges import Degrees, PictureSize, Point, checked
 
-__all__ = ["GodotBridge", "GodotEngine", "GodotServiceClient"]
+__all__ = ["GODOT_ENGINE", "GodotBridge", "GodotEngine", "GodotServiceClient"]
 
 
 _LIMITS = BridgeLimits(
@@ -227,3 +228,11 @@ class GodotEngine(CompiledRemoteEngine):
             target=point_message(target), fov_deg=fov_deg,
         )  # fmt: skip
         self._call(wire.Photograph, request)
+
+
+def _make_godot(name: str, settings: EngineSettings) -> GodotEngine:
+    timeout_s = 20.0 if settings.timeout_s is None else settings.timeout_s
+    return GodotEngine(settings.godot, window=name != "godot", timeout_s=timeout_s)
+
+
+GODOT_ENGINE = EngineFactory(("godot", "godot:window"), _make_godot)

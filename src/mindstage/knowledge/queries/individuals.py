@@ -22,6 +22,7 @@ from mindstage.knowledge.explain import (
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MapName,
@@ -126,31 +127,35 @@ def _explain_part(kb: QuestionContext, row: PartOf) -> Iterator[str]:
 
 
 @part_of.missing
-def _missing_parts(
-    kb: QuestionContext, part: Iri | None = None, whole: Iri | None = None, map: Iri | None = None
-) -> Iterator[MissingKnowledge]:
+def _missing_parts(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
-    individual = whole or part
-    if individual is None or not _is_described(index, individual, map):
-        yield from missing_description(index, individual, map)
+    individual = asked.whole or asked.part
+    if individual is None or not _is_described(index, individual, asked.map):
+        yield from missing_description(index, individual, asked.map)
         return
-    found = whole if part is None else part
-    steps = index.wholes(part) if part else index.parts(individual)
-    if any(whole in {None, step.individual} for step in steps):
-        where = f"in {local_name(map)}" if map else "in any map"
-        claim = Claim(kind=ClaimKind.PART, subject=whole, object=part)
-        reason = f"{local_name(part or individual)} is a part, but nothing that it is a part of is {where}"
+    found = asked.whole if asked.part is None else asked.part
+    steps = index.wholes(asked.part) if asked.part else index.parts(individual)
+    if any(asked.whole in {None, step.individual} for step in steps):
+        where = f"in {local_name(asked.map)}" if asked.map else "in any map"
+        claim = Claim(kind=ClaimKind.PART, subject=asked.whole, object=asked.part)
+        reason = f"{local_name(asked.part or individual)} is a part, but nothing that it is a part of is {where}"
         yield MissingKnowledge(index.class_of(individual) or THING, CHILD, reason, claims=(claim,))
         return
-    what = f"no part of {local_name(whole)}" if part and whole else "a part of nothing" if part else "made of nothing"
+    what = (
+        f"no part of {local_name(asked.whole)}"
+        if asked.part and asked.whole
+        else "a part of nothing"
+        if asked.part
+        else "made of nothing"
+    )
     why = "neither child, parent nor a part-of property relates them"
     if (
-        any(whole in {None, step.individual} for step in index.wholes(part, through_joints=True))
-        if part
+        any(asked.whole in {None, step.individual} for step in index.wholes(asked.part, through_joints=True))
+        if asked.part
         else any(True for _ in index.parts(individual, through_joints=True))
     ):
         why = "only joints connect it to other bodies, which does not make a part"
-    claim = Claim(kind=ClaimKind.NOT_PART, subject=whole, object=part)
+    claim = Claim(kind=ClaimKind.NOT_PART, subject=asked.whole, object=asked.part)
     reason = f"{local_name(found or individual)} is {what}: {why}"
     yield MissingKnowledge(index.class_of(individual) or THING, CHILD, reason, claims=(claim,))
 
@@ -218,32 +223,30 @@ def _explain_handle(kb: QuestionContext, row: HandleOf) -> Iterator[str]:
 
 
 @handle_of.missing
-def _missing_handle(
-    kb: QuestionContext, individual: Iri | None = None, handle: Iri | None = None, map: Iri | None = None
-) -> Iterator[MissingKnowledge]:
+def _missing_handle(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
-    if handle and not index.is_member(handle, _HANDLE_CLASS):
-        claim = Claim(kind=ClaimKind.NOT_INSTANCE, subject=handle, object=_HANDLE_CLASS)
-        reason = f"{individual_text(index, handle)} is no Handle"
-        yield MissingKnowledge(index.class_of(handle) or THING, TYPE, reason, claims=(claim,))
-    elif individual is not None and not _is_described(index, individual, map):
-        yield from missing_description(index, individual, map)
-    elif individual is not None:
-        yield _missing_handle_of(index, individual, handle)
-    elif handle:
-        steps = list(index.wholes(handle, through_joints=True))
-        name = individual_text(index, handle)
-        claim = Claim(kind=ClaimKind.NOT_PART, object=handle)
+    if asked.handle and not index.is_member(asked.handle, _HANDLE_CLASS):
+        claim = Claim(kind=ClaimKind.NOT_INSTANCE, subject=asked.handle, object=_HANDLE_CLASS)
+        reason = f"{individual_text(index, asked.handle)} is no Handle"
+        yield MissingKnowledge(index.class_of(asked.handle) or THING, TYPE, reason, claims=(claim,))
+    elif asked.individual is not None and not _is_described(index, asked.individual, asked.map):
+        yield from missing_description(index, asked.individual, asked.map)
+    elif asked.individual is not None:
+        yield _missing_handle_of(index, asked.individual, asked.handle)
+    elif asked.handle:
+        steps = list(index.wholes(asked.handle, through_joints=True))
+        name = individual_text(index, asked.handle)
+        claim = Claim(kind=ClaimKind.NOT_PART, object=asked.handle)
         why = f"{name} is the handle of nothing: it is a part of nothing"
         if wholes := [step.individual for step in steps if not index.is_member(step.individual, CONSTRAINT)]:
-            where = local_name(map) if map else "any map"
+            where = local_name(asked.map) if asked.map else "any map"
             why = (
                 f"{name} is a part of {', '.join(local_name(each) for each in wholes)}, and none of them is in {where}"
             )
-            claim = Claim(kind=ClaimKind.PART, subject=wholes[0], object=handle)
-        yield MissingKnowledge(index.class_of(handle) or THING, CHILD, why, claims=(claim,))
+            claim = Claim(kind=ClaimKind.PART, subject=wholes[0], object=asked.handle)
+        yield MissingKnowledge(index.class_of(asked.handle) or THING, CHILD, why, claims=(claim,))
     else:
-        yield from missing_instance(index, _HANDLE_CLASS, None, map)
+        yield from missing_instance(index, _HANDLE_CLASS, None, asked.map)
 
 
 def _is_described(reasoner: Reasoner, individual: Iri, map: Iri | None) -> bool:
@@ -375,17 +378,15 @@ def _explain_pose(kb: QuestionContext, row: PoseRow) -> Iterator[str]:
 
 
 @pose_of.missing
-def _missing_pose(
-    kb: QuestionContext, thing: Iri | None = None, map: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
-    if thing is None:
-        yield from missing_description(kb.reasoner, None, map)
-    elif map and map not in kb.reasoner.maps_of.get(thing, ()):
-        yield from missing_description(kb.reasoner, thing, map)
+def _missing_pose(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None:
+        yield from missing_description(kb.reasoner, None, asked.map)
+    elif asked.map and asked.map not in kb.reasoner.maps_of.get(asked.thing, ()):
+        yield from missing_description(kb.reasoner, asked.thing, asked.map)
     else:
-        why = f"{individual_text(kb.reasoner, thing)} has no pose: no map or simulation that was asked places it"
-        claim = Claim(kind=ClaimKind.NO_BODY, subject=thing, map=map)
-        yield MissingKnowledge(kb.reasoner.class_of(thing) or THING, HAS_POSE, why, claims=(claim,))
+        why = f"{individual_text(kb.reasoner, asked.thing)} has no pose: no map or simulation that was asked places it"
+        claim = Claim(kind=ClaimKind.NO_BODY, subject=asked.thing, map=asked.map)
+        yield MissingKnowledge(kb.reasoner.class_of(asked.thing) or THING, HAS_POSE, why, claims=(claim,))
 
 
 class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
@@ -520,10 +521,8 @@ def _explain_individual(kb: QuestionContext, row: IndividualDescription) -> Iter
 
 
 @what_is.missing
-def _missing_individual(
-    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None, *, present: StateAccess
-) -> Iterator[MissingKnowledge]:
-    yield from missing_description(kb.reasoner, individual, map)
+def _missing_individual(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, asked.individual, asked.map)
 
 
 class MapCounts(AnswerRow, frozen=True, kw_only=True):
@@ -574,5 +573,5 @@ def _explain_counts(kb: QuestionContext, row: MapCounts) -> Iterator[str]:
 
 
 @analyse.missing
-def _missing_counts(kb: QuestionContext, map: Iri | None = None) -> Iterator[MissingKnowledge]:
-    yield from missing_description(kb.reasoner, None, None) if map is None else missing_file(map)
+def _missing_counts(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, None, None) if asked.map is None else missing_file(asked.map)

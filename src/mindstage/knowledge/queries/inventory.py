@@ -21,6 +21,7 @@ from mindstage.knowledge.queries.storage import storage_place
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MapName,
@@ -190,31 +191,23 @@ def _explain_larger(kb: QuestionContext, row: LargerRow) -> Iterator[str]:
 
 
 @larger_than.missing
-def _missing_larger(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    measure: Measure | None = None,
-    other: Iri | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None and other is None:
+def _missing_larger(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None and asked.other is None:
         yield missing_arguments("give thing or other: the comparisons of all pairs of bodies are not listed")
         return
-    found = list(missing_bodies(kb, (thing, other), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.other), asked.map, asked.present))
     yield from found
     if not found:
-        by = f" by {measure}" if measure is not None else ""
-        what = individual_text(kb.reasoner, thing) if thing is not None else "nothing"
-        verb = "is larger" if thing is None else "is not larger"
-        than = local_name(other) if other is not None else "any other body"
-        unknown = " whose mass is stated" if measure is Measure.MASS else ""
-        reason = f"{what}{unknown if thing is None else ''} {verb} than {than}{by}"
-        claims = body_claims((thing, other), present.states(map), map)
+        by = f" by {asked.measure}" if asked.measure is not None else ""
+        what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "nothing"
+        verb = "is larger" if asked.thing is None else "is not larger"
+        than = local_name(asked.other) if asked.other is not None else "any other body"
+        unknown = " whose mass is stated" if asked.measure is Measure.MASS else ""
+        reason = f"{what}{unknown if asked.thing is None else ''} {verb} than {than}{by}"
+        claims = body_claims((asked.thing, asked.other), asked.present.states(asked.map), asked.map)
         claims += tuple(
-            Claim(kind=ClaimKind.NOT_LARGER, subject=thing, object=other, detail=each, map=map)
-            for each in ([measure] if measure is not None else Measure)
+            Claim(kind=ClaimKind.NOT_LARGER, subject=asked.thing, object=asked.other, detail=each, map=asked.map)
+            for each in ([asked.measure] if asked.measure is not None else Measure)
         )
         yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
 
@@ -308,22 +301,15 @@ def _explain_count(kb: QuestionContext, row: ClassCount) -> Iterator[str]:
 
 
 @how_many.missing
-def _missing_count(
-    kb: QuestionContext,
-    cls: Iri | None = None,
-    map: Iri | None = None,
-    place: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if place is not None:
-        yield from missing_bodies(kb, (place,), map, present)
-        kind = f"no {local_name(cls)}" if cls is not None else "nothing"
-        reason = f"{kind} is on or in {individual_text(kb.reasoner, place)}"
-        claims = body_claims((place,), present.states(map), map)
-        yield MissingKnowledge(cls or THING, HAS_POSE, reason, claims=claims)
-    elif cls is not None:
-        yield from missing_instance(kb.reasoner, cls, None, map)
+def _missing_count(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.place is not None:
+        yield from missing_bodies(kb, (asked.place,), asked.map, asked.present)
+        kind = f"no {local_name(asked.cls)}" if asked.cls is not None else "nothing"
+        reason = f"{kind} is on or in {individual_text(kb.reasoner, asked.place)}"
+        claims = body_claims((asked.place,), asked.present.states(asked.map), asked.map)
+        yield MissingKnowledge(asked.cls or THING, HAS_POSE, reason, claims=claims)
+    elif asked.cls is not None:
+        yield from missing_instance(kb.reasoner, asked.cls, None, asked.map)
 
 
 # -- alike -------------------------------------------------------------------------------------------------------------
@@ -442,26 +428,24 @@ def _explain_similar(kb: QuestionContext, row: SimilarRow) -> Iterator[str]:
 
 
 @similar_to.missing
-def _missing_similar(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    other: Iri | None = None,
-    map: Iri | None = None,
-    count: Count | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None:
+def _missing_similar(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None:
         yield missing_arguments("give thing: the similarities of all pairs of bodies are not listed")
         return
-    cls = kb.reasoner.class_of(thing) or THING
-    found = [lack for lack in missing_bodies(kb, (thing,), None, present) if lack.property == HAS_POSE]
+    cls = kb.reasoner.class_of(asked.thing) or THING
+    found = [lack for lack in missing_bodies(kb, (asked.thing,), None, asked.present) if lack.property == HAS_POSE]
     yield from found
     if not found:
-        what = local_name(other) if other is not None else "nothing"
-        how = f"among the {count or _SIMILAR_COUNT} bodies that are most like" if other is not None else "like"
-        reason = f"{what} is {'not ' if other is not None else ''}{how} {individual_text(kb.reasoner, thing)}"
-        claims = body_claims((thing, other), present.states(None), None)
+        what = local_name(asked.other) if asked.other is not None else "nothing"
+        how = (
+            f"among the {asked.count or _SIMILAR_COUNT} bodies that are most like"
+            if asked.other is not None
+            else "like"
+        )
+        reason = (
+            f"{what} is {'not ' if asked.other is not None else ''}{how} {individual_text(kb.reasoner, asked.thing)}"
+        )
+        claims = body_claims((asked.thing, asked.other), asked.present.states(None), None)
         yield MissingKnowledge(cls, TYPE, f"{reason}: by class or mesh", claims=claims)
 
 
@@ -580,35 +564,30 @@ def _explain_misplaced(kb: QuestionContext, row: MisplacedRow) -> Iterator[str]:
 
 
 @misplaced.missing
-def _missing_misplaced(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    map: Iri | None = None,
-    cls: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None:
-        if cls is not None and not storage_place.ask(kb, {"item": cls}):
-            yield from storage_place.ask(kb, {"item": cls}).missing
+def _missing_misplaced(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None:
+        if asked.cls is not None and not storage_place.ask(kb, {"item": asked.cls}):
+            yield from storage_place.ask(kb, {"item": asked.cls}).missing
         return
-    found = list(missing_bodies(kb, (thing,), map, present))
+    found = list(missing_bodies(kb, (asked.thing,), asked.map, asked.present))
     yield from found
-    own = kb.reasoner.class_of(thing)
+    own = kb.reasoner.class_of(asked.thing)
     if found or own is None or not kb.reasoner.is_class(own):
         return
     places = storage_place.ask(kb, {"item": own})
     if not places:
         yield from places.missing
         return
-    for bodies in placed_states(present, map):
+    for bodies in placed_states(asked.present, asked.map):
         storing = _storage(kb, bodies, own)[2]
-        at = sorted(_chain(_hosts(bodies), thing) & storing)
+        at = sorted(_chain(_hosts(bodies), asked.thing) & storing)
         if at:
             homes = ", ".join(local_name(each) for each in at)
-            reason = f"{individual_text(kb.reasoner, thing)} is where it belongs: on or in {homes}"
-            claims = body_claims((thing, *at), present.states(map), map)
-            claims += tuple(Claim(kind=ClaimKind.ON_OR_IN, subject=thing, object=each, map=map) for each in at)
+            reason = f"{individual_text(kb.reasoner, asked.thing)} is where it belongs: on or in {homes}"
+            claims = body_claims((asked.thing, *at), asked.present.states(asked.map), asked.map)
+            claims += tuple(
+                Claim(kind=ClaimKind.ON_OR_IN, subject=asked.thing, object=each, map=asked.map) for each in at
+            )
             yield MissingKnowledge(own, _CONTAINER_FOR, reason, is_filler=True, claims=claims)
 
 
@@ -693,18 +672,16 @@ def _explain_state(kb: QuestionContext, row: StateRow) -> Iterator[str]:
 
 
 @states.missing
-def _missing_state(
-    kb: QuestionContext, thing: Iri | None = None, property: Iri | None = None, value: str | None = None
-) -> Iterator[MissingKnowledge]:
-    what = individual_text(kb.reasoner, thing) if thing is not None else "anything"
-    of = f"{local_name(property)} " if property is not None else ""
-    wanted = f"{of}{local_name(value)} " if value is not None else of
-    cls = kb.reasoner.class_of(thing) if thing is not None else None
+def _missing_state(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "anything"
+    of = f"{local_name(asked.property)} " if asked.property is not None else ""
+    wanted = f"{of}{local_name(asked.value)} " if asked.value is not None else of
+    cls = kb.reasoner.class_of(asked.thing) if asked.thing is not None else None
     reason = f"no state {wanted}of {what} was asserted: tell it, as in tell milk_carton_1 state clean"
     rows = kb.statements(property=_STATE_PROPERTIES[0])
-    is_stated = any(thing in {None, row[0]} and value in {None, _value_text(row[1])} for row in rows)
-    claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=thing, property=_STATE_PROPERTIES[0], object=value)
+    is_stated = any(asked.thing in {None, row[0]} and asked.value in {None, _value_text(row[1])} for row in rows)
+    claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.thing, property=_STATE_PROPERTIES[0], object=asked.value)
     if is_stated:  # of another property than the one that is wanted
-        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=thing, property=property, object=value)
-    claims = (claim,) if property is not None or not is_stated else ()
-    yield MissingKnowledge(cls or THING, property or _STATE_PROPERTIES[0], reason, claims=claims)
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.thing, property=asked.property, object=asked.value)
+    claims = (claim,) if asked.property is not None or not is_stated else ()
+    yield MissingKnowledge(cls or THING, asked.property or _STATE_PROPERTIES[0], reason, claims=claims)

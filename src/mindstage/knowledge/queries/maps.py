@@ -18,6 +18,7 @@ from mindstage.knowledge.explain import (
 )
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MapName,
@@ -79,8 +80,8 @@ def _explain_map(kb: QuestionContext, row: MapInfo) -> Iterator[str]:
 
 
 @maps.missing
-def _missing_maps(kb: QuestionContext, map: Iri | None = None) -> Iterator[MissingKnowledge]:
-    yield from missing_description(kb.reasoner, None, map)
+def _missing_maps(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, None, asked.map)
 
 
 class MapMember(AnswerRow, frozen=True, kw_only=True):
@@ -127,10 +128,8 @@ def _explain_membership(kb: QuestionContext, row: MapMember) -> Iterator[str]:
 
 
 @everything_in_map.missing
-def _missing_members(
-    kb: QuestionContext, individual: Iri | None = None, map: Iri | None = None
-) -> Iterator[MissingKnowledge]:
-    yield from missing_description(kb.reasoner, individual, map)
+def _missing_members(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    yield from missing_description(kb.reasoner, asked.individual, asked.map)
 
 
 class InstanceOfClass(AnswerRow, frozen=True, kw_only=True):
@@ -190,21 +189,19 @@ def _explain_class(kb: QuestionContext, row: InstanceOfClass) -> Iterator[str]:
 
 
 @individual_of_class.missing
-def _missing_individuals(
-    kb: QuestionContext, cls: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
-) -> Iterator[MissingKnowledge]:
+def _missing_individuals(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     index = kb.reasoner
-    places = index.maps_of.get(individual, ()) if individual else ()
-    if individual and not (map in places if map else places):
-        yield from missing_description(index, individual, map)
-    elif cls:
-        yield from missing_instance(index, cls, individual, map)
-    elif individual:
-        reason = f"the class of {local_name(individual)} is unknown: no type of it is a class"
-        claim = Claim(kind=ClaimKind.NO_CLASS, subject=individual)
+    places = index.maps_of.get(asked.individual, ()) if asked.individual else ()
+    if asked.individual and not (asked.map in places if asked.map else places):
+        yield from missing_description(index, asked.individual, asked.map)
+    elif asked.cls:
+        yield from missing_instance(index, asked.cls, asked.individual, asked.map)
+    elif asked.individual:
+        reason = f"the class of {local_name(asked.individual)} is unknown: no type of it is a class"
+        claim = Claim(kind=ClaimKind.NO_CLASS, subject=asked.individual)
         yield MissingKnowledge(THING, TYPE, reason, claims=(claim,))
     else:
-        yield from missing_description(index, None, map)
+        yield from missing_description(index, None, asked.map)
 
 
 class MapEquality(AnswerRow, frozen=True, kw_only=True):
@@ -318,13 +315,11 @@ def _explain_difference(kb: QuestionContext, row: MapDifference) -> Iterator[str
 
 @identical_maps.missing
 @differences.missing
-def _missing_map_pair(
-    kb: QuestionContext, a: Iri | None = None, b: Iri | None = None, tolerance: NotNegative = 0.0
-) -> Iterator[MissingKnowledge]:
+def _missing_map_pair(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     known = kb.maps()
-    for map in dict.fromkeys(map for map in (a, b) if map and map not in known):
+    for map in dict.fromkeys(map for map in (asked.a, asked.b) if map and map not in known):
         yield from missing_file(map)
-    if len(known) < 2 and not (a and b):
+    if len(known) < 2 and not (asked.a and asked.b):
         loaded = {0: "no map is", 1: "1 map is"}[len(known)]
         reason = f"{loaded} loaded, and a comparison needs two"
         claim = Claim(kind=ClaimKind.FEWER_MAPS, object="2")

@@ -21,6 +21,7 @@ from mindstage.knowledge.queries.proximity import (
 from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     IndividualName,
     MapName,
     MissingKnowledge,
@@ -274,32 +275,23 @@ def _explain_path(kb: QuestionContext, row: FloorPathRow) -> Iterator[str]:
 
 
 @path.missing
-def _missing_path(
-    kb: QuestionContext,
-    start: Iri | None = None,
-    goal: Iri | None = None,
-    map: Iri | None = None,
-    radius: Length | None = None,
-    height: Length | None = None,
-    reach: Length | None = None,
-    start_position: str | None = None,
-    goal_position: str | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if (start is None and start_position is None) or (goal is None and goal_position is None):
+def _missing_path(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if (asked.start is None and asked.start_position is None) or (asked.goal is None and asked.goal_position is None):
         yield missing_arguments("give start and goal, or start_position and goal_position: all ways are not listed")
         return
-    found = list(missing_bodies(kb, (start, goal), map, present))
+    found = list(missing_bodies(kb, (asked.start, asked.goal), asked.map, asked.present))
     yield from found
     if found:
         return
-    robot, end = _Robot.from_arguments(radius, height, reach), _position(goal_position, "goal_position")
-    for floor in _floors(present, map, robot, start, start_position):
-        blockers = floor.blockers(goal, end)
+    robot, end = (
+        _Robot.from_arguments(asked.radius, asked.height, asked.reach),
+        _position(asked.goal_position, "goal_position"),
+    )
+    for floor in _floors(asked.present, asked.map, robot, asked.start, asked.start_position):
+        blockers = floor.blockers(asked.goal, end)
         cls = kb.reasoner.class_of(blockers[0]) if blockers else None
-        claims = body_claims((start, goal, *blockers), present.states(map), map)
-        yield MissingKnowledge(cls or THING, HAS_POSE, _blocked_text(floor, blockers, goal), claims=claims)
+        claims = body_claims((asked.start, asked.goal, *blockers), asked.present.states(asked.map), asked.map)
+        yield MissingKnowledge(cls or THING, HAS_POSE, _blocked_text(floor, blockers, asked.goal), claims=claims)
 
 
 def _blocked_text(floor: _Floor, blockers: Sequence[Iri], goal: Iri | None) -> str:
@@ -395,31 +387,19 @@ def _explain_reachable(kb: QuestionContext, row: ReachabilityRow) -> Iterator[st
 
 
 @reachable.missing
-def _missing_reachable(
-    kb: QuestionContext,
-    start: Iri | None = None,
-    goal: Iri | None = None,
-    reachable: bool | None = None,
-    map: Iri | None = None,
-    radius: Length | None = None,
-    height: Length | None = None,
-    reach: Length | None = None,
-    start_position: str | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if start is None and start_position is None:
+def _missing_reachable(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.start is None and asked.start_position is None:
         yield missing_arguments("give start or start_position: a way begins somewhere")
         return
-    found = list(missing_bodies(kb, (start, goal), map, present))
+    found = list(missing_bodies(kb, (asked.start, asked.goal), asked.map, asked.present))
     yield from found
-    if found or goal is None:
+    if found or asked.goal is None:
         return
-    if reachable:
-        yield from _missing_path(kb, start, goal, map, radius, height, reach, start_position, present=present)
-    elif reachable is False:
-        reason = f"{individual_text(kb.reasoner, goal)} is reachable: ask for the path"
-        yield missing_about(kb, goal, reason, start, present=present, map=map)
+    if asked.reachable:
+        yield from _missing_path(kb, asked)
+    elif asked.reachable is False:
+        reason = f"{individual_text(kb.reasoner, asked.goal)} is reachable: ask for the path"
+        yield missing_about(kb, asked.goal, reason, asked.start, present=asked.present, map=asked.map)
 
 
 # -- rooms -------------------------------------------------------------------------------------------------------------
@@ -612,28 +592,20 @@ def _explain_room(kb: QuestionContext, row: RoomRow) -> Iterator[str]:
 
 
 @in_room.missing
-def _missing_room(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    room: Iri | None = None,
-    region: str | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    found = list(missing_bodies(kb, (thing,), map, present))
+def _missing_room(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    found = list(missing_bodies(kb, (asked.thing,), asked.map, asked.present))
     yield from found
     if found:
         return
-    rows = [row for bodies in placed_states(present, map) for row in _rooms_in(kb, bodies, thing)]
-    claims = body_claims((thing, room), present.states(map), map)
+    rows = [row for bodies in placed_states(asked.present, asked.map) for row in _rooms_in(kb, bodies, asked.thing)]
+    claims = body_claims((asked.thing, asked.room), asked.present.states(asked.map), asked.map)
     if not rows:
-        what = individual_text(kb.reasoner, thing) if thing is not None else "nothing"
+        what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "nothing"
         reason = f"{what} is in no room: no individual of a class of rooms, enclosing body or walls surround it"
         yield MissingKnowledge(knowrob("RoomInAConstruction"), HAS_POSE, reason, claims=claims)
-    elif thing is not None:
-        yield MissingKnowledge(THING, HAS_POSE, f"{local_name(thing)} is in {rows[0].region}", claims=claims)
+    elif asked.thing is not None:
+        yield MissingKnowledge(THING, HAS_POSE, f"{local_name(asked.thing)} is in {rows[0].region}", claims=claims)
     else:
-        wanted = local_name(room) if room is not None else region
+        wanted = local_name(asked.room) if asked.room is not None else asked.region
         regions = ", ".join(sorted({row.region for row in rows}))
         yield MissingKnowledge(THING, HAS_POSE, f"nothing is in {wanted}: there is {regions}", claims=claims)

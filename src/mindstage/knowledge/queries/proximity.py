@@ -22,6 +22,7 @@ from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.queries.spatial import body_claims, missing_pose
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MapName,
@@ -378,42 +379,42 @@ def _explain_direction(kb: QuestionContext, row: DirectionRow) -> Iterator[str]:
 
 
 @direction_of.missing
-def _missing_direction(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    direction: Direction | None = None,
-    other: Iri | None = None,
-    frame: ReferenceFrame | None = None,
-    map: Iri | None = None,
-    viewer: Iri | None = None,
-    viewer_pose: str | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None and other is None:
+def _missing_direction(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None and asked.other is None:
         yield missing_arguments("give thing or other: the directions of all pairs of bodies are not listed")
         return
-    if frame is ReferenceFrame.VIEWER and viewer is None and viewer_pose is None:
+    if asked.frame is ReferenceFrame.VIEWER and asked.viewer is None and asked.viewer_pose is None:
         yield missing_arguments("the frame viewer needs a viewer: give viewer or viewer_pose")
         return
-    found = list(missing_bodies(kb, (thing, other, viewer), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.other, asked.viewer), asked.map, asked.present))
     yield from found
-    if not found and thing is not None and other is not None:
+    if not found and asked.thing is not None and asked.other is not None:
         rows = [
             row
-            for bodies in placed_states(present, map)
-            for row in _directions_in(bodies, thing, other, Viewpoint.find(bodies, viewer, viewer_pose), frame)
+            for bodies in placed_states(asked.present, asked.map)
+            for row in _directions_in(
+                bodies, asked.thing, asked.other, Viewpoint.find(bodies, asked.viewer, asked.viewer_pose), asked.frame
+            )
         ]
         where = ", ".join(f"{row.direction} in the frame {row.frame}" for row in rows)
         how = f"it is {where}" if where else "one is above, below or around the other, or they are in different maps"
-        wanted = f" {direction}" if direction else ""
-        reason = f"{individual_text(kb.reasoner, thing)} has no such direction{wanted} from {local_name(other)}: {how}"
+        wanted = f" {asked.direction}" if asked.direction else ""
+        away = f"such direction{wanted} from {local_name(asked.other)}"
+        reason = f"{individual_text(kb.reasoner, asked.thing)} has no {away}: {how}"
         claims = [
-            Claim(kind=ClaimKind.IN_DIRECTION, subject=thing, object=other, detail=row.direction, map=map)
+            Claim(
+                kind=ClaimKind.IN_DIRECTION,
+                subject=asked.thing,
+                object=asked.other,
+                detail=row.direction,
+                map=asked.map,
+            )
             for row in rows
             if row.frame is ReferenceFrame.MAP
         ]
-        yield missing_about(kb, thing, reason, other, viewer, present=present, map=map, claims=claims)
+        yield missing_about(
+            kb, asked.thing, reason, asked.other, asked.viewer, present=asked.present, map=asked.map, claims=claims
+        )
 
 
 # -- distance ----------------------------------------------------------------------------------------------------------
@@ -495,21 +496,14 @@ def _explain_distance(kb: QuestionContext, row: DistanceRow) -> Iterator[str]:
 
 
 @distance.missing
-def _missing_distance(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    other: Iri | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None and other is None:
+def _missing_distance(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None and asked.other is None:
         yield missing_arguments("give thing or other: the distances of all pairs of bodies are not listed")
         return
-    found = list(missing_bodies(kb, (thing, other), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.other), asked.map, asked.present))
     yield from found
     if not found:
-        yield from _not_comparable(kb, (thing, other), map, present)
+        yield from _not_comparable(kb, (asked.thing, asked.other), asked.map, asked.present)
 
 
 def _not_comparable(
@@ -640,32 +634,22 @@ def _explain_neighbor(kb: QuestionContext, row: NeighborRow) -> Iterator[str]:
 
 
 @nearest.missing
-def _missing_neighbor(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    other: Iri | None = None,
-    cls: Iri | None = None,
-    count: Count | None = None,
-    position: str | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None and position is None:
+def _missing_neighbor(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None and asked.position is None:
         yield missing_arguments("give thing or position: the neighbors of all bodies are not listed")
         return
-    found = list(missing_bodies(kb, (thing, other), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.other), asked.map, asked.present))
     yield from found
     if found:
         return
-    start = local_name(thing) if thing is not None else "the position"
-    if other is not None:
-        yield _missing_rank(kb, thing, other, cls, count or 1, start, map, present)
+    start = local_name(asked.thing) if asked.thing is not None else "the position"
+    if asked.other is not None:
+        yield _missing_rank(kb, asked.thing, asked.other, asked.cls, asked.count or 1, start, asked.map, asked.present)
     else:
-        kind = f"of class {local_name(cls)} " if cls is not None else ""
+        kind = f"of class {local_name(asked.cls)} " if asked.cls is not None else ""
         reason = f"no other body {kind}with a pose and a size is where {start} is"
-        claims = body_claims((thing,), present.states(map), map)
-        yield MissingKnowledge(cls or THING, HAS_POSE, reason, claims=claims)
+        claims = body_claims((asked.thing,), asked.present.states(asked.map), asked.map)
+        yield MissingKnowledge(asked.cls or THING, HAS_POSE, reason, claims=claims)
 
 
 def _missing_rank(
@@ -779,27 +763,24 @@ def _explain_between(kb: QuestionContext, row: BetweenRow) -> Iterator[str]:
 
 
 @is_between.missing
-def _missing_between(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    one: Iri | None = None,
-    other: Iri | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if one is None or other is None:
+def _missing_between(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.one is None or asked.other is None:
         yield missing_arguments("give one and other: the bodies between all pairs of bodies are not listed")
         return
-    found = list(missing_bodies(kb, (thing, one, other), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.one, asked.other), asked.map, asked.present))
     yield from found
     if not found:
-        what = local_name(thing) if thing is not None else "no other body"
-        reason = f"{what} is {'not ' if thing is not None else ''}between {local_name(one)} and {local_name(other)}"
+        what = local_name(asked.thing) if asked.thing is not None else "no other body"
+        ends = f"{local_name(asked.one)} and {local_name(asked.other)}"
+        reason = f"{what} is {'not ' if asked.thing is not None else ''}between {ends}"
         reason += ": half of a footprint and half of a height must be"
-        claims = body_claims((thing, one, other), present.states(map), map)
-        if one != other:
-            claims += (Claim(kind=ClaimKind.NOT_BETWEEN, subject=thing, object=one, other=other, map=map),)
+        claims = body_claims((asked.thing, asked.one, asked.other), asked.present.states(asked.map), asked.map)
+        if asked.one != asked.other:
+            claims += (
+                Claim(
+                    kind=ClaimKind.NOT_BETWEEN, subject=asked.thing, object=asked.one, other=asked.other, map=asked.map
+                ),
+            )
         else:
-            reason = f"nothing is between {local_name(one)} and itself"
+            reason = f"nothing is between {local_name(asked.one)} and itself"
         yield MissingKnowledge(THING, HAS_POSE, reason, claims=claims)

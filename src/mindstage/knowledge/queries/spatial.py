@@ -12,6 +12,7 @@ from mindstage.knowledge.explain import individual_text, source_text
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
+    AskedArguments,
     IndividualName,
     MapName,
     MissingKnowledge,
@@ -156,20 +157,12 @@ def _explain_relation(kb: QuestionContext, row: SpatialRelationRow) -> Iterator[
 
 
 @where_is.missing
-def _missing_relation(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    relation: SpatialRelation | None = None,
-    other: Iri | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    states = present.states(map)
-    for each in (thing, other):
+def _missing_relation(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    states = asked.present.states(asked.map)
+    for each in (asked.thing, asked.other):
         cls = kb.reasoner.class_of(each) if each else None
         if each and cls:
-            yield from missing_pose(each, cls, states, map)
+            yield from missing_pose(each, cls, states, asked.map)
 
 
 def missing_pose(
@@ -313,25 +306,17 @@ def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
 
 
 @openings.missing
-def _missing_opening(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    state: OpenState | None = None,
-    front: Iri | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    world_states = present.states(map)
+def _missing_opening(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    world_states = asked.present.states(asked.map)
     rows = [row for each in world_states for row in find_openings(kb, each)]
-    if why := _unopenable_reason(kb, rows, thing, front):
-        claims = body_claims((thing, front), world_states, map)
-        if front is not None and not any(row.front == front for row in rows):
-            claims += _unmoved_claims(kb, world_states, front, map)
+    if why := _unopenable_reason(kb, rows, asked.thing, asked.front):
+        claims = body_claims((asked.thing, asked.front), world_states, asked.map)
+        if asked.front is not None and not any(row.front == asked.front for row in rows):
+            claims += _unmoved_claims(kb, world_states, asked.front, asked.map)
         yield MissingKnowledge(_CONTAINER, CHILD, why, claims=claims)
-    elif state is OpenState.OPEN and world_states and all(each.joint_positions is None for each in world_states):
+    elif asked.state is OpenState.OPEN and world_states and all(each.joint_positions is None for each in world_states):
         why = "joint positions are unknown: without an engine that measures them, all is closed as in the maps"
-        claims = body_claims((thing, front), world_states, map)
+        claims = body_claims((asked.thing, asked.front), world_states, asked.map)
         yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why, claims=claims)
 
 

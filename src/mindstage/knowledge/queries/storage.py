@@ -29,6 +29,7 @@ from mindstage.knowledge.explain import (
 from mindstage.knowledge.owl import Expression, IntersectionOf, NamedClass, Restriction, named_classes
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MapName,
@@ -298,36 +299,38 @@ def _explain_device(kb: QuestionContext, row: ActionDevice) -> Iterator[str]:
 
 
 @device_for_action.missing
-def _missing_device(
-    kb: QuestionContext, action: Iri | None = None, device: Iri | None = None
-) -> Iterator[MissingKnowledge]:
+def _missing_device(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     property, reasoner = local_name(_DEVICE_USED), kb.reasoner
-    if action is not None:
-        needed = list(_device_restrictions(reasoner, action))
+    if asked.action is not None:
+        needed = list(_device_restrictions(reasoner, asked.action))
         fillers = ", ".join(expression_text(owned.restriction.filler) for owned in needed)
-        narrower = [each for each, _ in _needed_classes(reasoner, action) if device and reasoner.is_a(each, device)]
+        narrower = [
+            each
+            for each, _ in _needed_classes(reasoner, asked.action)
+            if asked.device and reasoner.is_a(each, asked.device)
+        ]
         if narrower:
-            yield _narrower_device(action, device or THING, narrower[0])
+            yield _narrower_device(asked.action, asked.device or THING, narrower[0])
             return
-        kind = ClaimKind.NO_RESTRICTION if device is None else ClaimKind.NO_NARROWER_RESTRICTION
-        absent = (Claim(kind=kind, subject=action, property=_DEVICE_USED, object=device),)
+        kind = ClaimKind.NO_RESTRICTION if asked.device is None else ClaimKind.NO_NARROWER_RESTRICTION
+        absent = (Claim(kind=kind, subject=asked.action, property=_DEVICE_USED, object=asked.device),)
         claims = (
-            *(absent if device or not needed else ()),
+            *(absent if asked.device or not needed else ()),
             *(
-                Claim(kind=ClaimKind.RESTRICTION, subject=action, property=_DEVICE_USED, object=named)
+                Claim(kind=ClaimKind.RESTRICTION, subject=asked.action, property=_DEVICE_USED, object=named)
                 for owned in needed
                 for named in named_classes(owned.restriction.filler)
             ),
         )
         but = f"it needs {fillers}" if fillers else f"neither it nor an ancestor of it has {property} some …"
-        reason = f"{local_name(action)} has no such {property}: {but}"
-        yield MissingKnowledge(action, _DEVICE_USED, reason, claims=claims)
-    elif device is not None:
-        above = next((cls for cls in reasoner.classes.above(device) if cls in _all_devices(reasoner)), None)
+        reason = f"{local_name(asked.action)} has no such {property}: {but}"
+        yield MissingKnowledge(asked.action, _DEVICE_USED, reason, claims=claims)
+    elif asked.device is not None:
+        above = next((cls for cls in reasoner.classes.above(asked.device) if cls in _all_devices(reasoner)), None)
         hint = f"; ask about its ancestor {local_name(above)}, which some action needs" if above else ""
-        why = f"no action needs a {local_name(device)}: no {property} names it or a subclass of it{hint}"
-        claim = Claim(kind=ClaimKind.NO_NARROWER_RESTRICTION, property=_DEVICE_USED, object=device)
-        yield MissingKnowledge(device, _DEVICE_USED, why, is_filler=True, claims=(claim,))
+        why = f"no action needs a {local_name(asked.device)}: no {property} names it or a subclass of it{hint}"
+        claim = Claim(kind=ClaimKind.NO_NARROWER_RESTRICTION, property=_DEVICE_USED, object=asked.device)
+        yield MissingKnowledge(asked.device, _DEVICE_USED, why, is_filler=True, claims=(claim,))
     else:
         claim = Claim(kind=ClaimKind.NO_RESTRICTION, property=_DEVICE_USED)
         yield MissingKnowledge(
@@ -427,17 +430,15 @@ def _explain_device_in_map(kb: QuestionContext, row: ActionDeviceInMap) -> Itera
 
 
 @device_for_action_in_environment.missing
-def _missing_device_in_map(
-    kb: QuestionContext, action: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
-) -> Iterator[MissingKnowledge]:
-    needs = list(_find_devices(kb.reasoner, action)) if action else []
-    if action and not needs:
-        yield from _missing_device(kb, action)
+def _missing_device_in_map(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    needs = list(_find_devices(kb.reasoner, asked.action)) if asked.action else []
+    if asked.action and not needs:
+        yield from _missing_device(kb, asked)
     for need in needs:
-        yield from missing_instance(kb.reasoner, need.device, individual, map)
-    if action is None:
+        yield from missing_instance(kb.reasoner, need.device, asked.individual, asked.map)
+    if asked.action is None:
         reason = f"is needed by no action: no {local_name(_DEVICE_USED)} names one of its classes or an ancestor of it"
-        yield from _missing_use(kb.reasoner, individual, map, _DEVICE_USED, reason, fillers=True)
+        yield from _missing_use(kb.reasoner, asked.individual, asked.map, _DEVICE_USED, reason, fillers=True)
 
 
 class StoragePlace(AnswerRow, frozen=True, kw_only=True):
@@ -556,28 +557,32 @@ def _explain_storage(kb: QuestionContext, row: StoragePlace) -> Iterator[str]:
 
 
 @storage_place.missing
-def _missing_storage(
-    kb: QuestionContext, item: Iri | None = None, place: Iri | None = None
-) -> Iterator[MissingKnowledge]:
+def _missing_storage(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     property, reasoner = local_name(_CONTAINER_FOR), kb.reasoner
     inherited = [
         (owner, reason)
-        for owner, reason in (_places_with_reasons(reasoner, item) if item and place else ())
-        if place and reasoner.is_a(place, owner)
+        for owner, reason in (_places_with_reasons(reasoner, asked.item) if asked.item and asked.place else ())
+        if asked.place and reasoner.is_a(asked.place, owner)
     ]
-    if inherited and item and place:
-        yield _inherited_place(item, place, *inherited[0])
+    if inherited and asked.item and asked.place:
+        yield _inherited_place(asked.item, asked.place, *inherited[0])
         return
-    absent = Claim(kind=ClaimKind.NO_RESTRICTION, subject=place, property=_CONTAINER_FOR, object=item)
-    limits = [owned for owned in _limits(reasoner, item) if place is None or reasoner.is_a(place, owned.cls)]
-    if item is None:
-        owner = f"{local_name(place)} stores nothing: neither it nor an ancestor of it has" if place else "no class has"
+    absent = Claim(kind=ClaimKind.NO_RESTRICTION, subject=asked.place, property=_CONTAINER_FOR, object=asked.item)
+    limits = [
+        owned for owned in _limits(reasoner, asked.item) if asked.place is None or reasoner.is_a(asked.place, owned.cls)
+    ]
+    if asked.item is None:
+        owner = (
+            f"{local_name(asked.place)} stores nothing: neither it nor an ancestor of it has"
+            if asked.place
+            else "no class has"
+        )
         why = f"{owner} {property} some …"
-        cls, is_filler = place or knowrob("Container"), False
+        cls, is_filler = asked.place or knowrob("Container"), False
     else:
-        name, cls, is_filler = local_name(item), item, True
-        where = "has no storage place" if place is None else f"is not stored in {local_name(place)}"
-        owner = "no class" if place is None else f"neither {local_name(place)} nor an ancestor of it"
+        name, cls, is_filler = local_name(asked.item), asked.item, True
+        where = "has no storage place" if asked.place is None else f"is not stored in {local_name(asked.place)}"
+        owner = "no class" if asked.place is None else f"neither {local_name(asked.place)} nor an ancestor of it"
         why = f"{name} {where}: {owner} has {property} some {name} or some ancestor of it"
     claims = (
         absent,
@@ -678,14 +683,12 @@ def _explain_storage_in_map(kb: QuestionContext, row: StoragePlaceInMap) -> Iter
 
 
 @storage_place_in_environment.missing
-def _missing_storage_in_map(
-    kb: QuestionContext, item: Iri | None = None, individual: Iri | None = None, map: Iri | None = None
-) -> Iterator[MissingKnowledge]:
-    storages = _find_storage_places(kb.reasoner, item) if item else []
-    if item and not storages:
-        yield from _missing_storage(kb, item)
+def _missing_storage_in_map(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    storages = _find_storage_places(kb.reasoner, asked.item) if asked.item else []
+    if asked.item and not storages:
+        yield from _missing_storage(kb, asked)
     for storage in storages:
-        yield from missing_instance(kb.reasoner, storage.place, individual, map)
-    if item is None:
+        yield from missing_instance(kb.reasoner, storage.place, asked.individual, asked.map)
+    if asked.item is None:
         reason = f"stores nothing: none of its classes and their ancestors has {local_name(_CONTAINER_FOR)} some …"
-        yield from _missing_use(kb.reasoner, individual, map, _CONTAINER_FOR, reason, fillers=False)
+        yield from _missing_use(kb.reasoner, asked.individual, asked.map, _CONTAINER_FOR, reason, fillers=False)

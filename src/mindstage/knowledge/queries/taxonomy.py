@@ -9,6 +9,7 @@ from mindstage.knowledge.explain import expression_text, restriction_line, subcl
 from mindstage.knowledge.owl import Expression, NamedClass, named_classes
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     MissingKnowledge,
     PropertyName,
@@ -73,21 +74,19 @@ def _explain_subclass(kb: QuestionContext, row: SubclassRelation) -> Iterator[st
 
 
 @subclass_of.missing
-def _missing_subclass(
-    kb: QuestionContext, cls: Iri | None = None, superclass: Iri | None = None
-) -> Iterator[MissingKnowledge]:
-    if cls and superclass:
-        above = ", ".join(local_name(each) for each in kb.reasoner.classes.parents(cls)) or "nothing else"
-        reason = f"{local_name(cls)} is no {local_name(superclass)}: it is {above}"
-        if cls == superclass:
-            reason = f"{local_name(cls)} is the class itself, and only other superclasses are answers"
-        claim = Claim(kind=ClaimKind.NOT_SUBCLASS, subject=cls, object=superclass)
-        yield MissingKnowledge(cls, SUBCLASS_OF, reason, claims=(claim,))
-    elif known := cls or superclass:
-        relative = "superclass" if cls else "subclass"
+def _missing_subclass(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.cls and asked.superclass:
+        above = ", ".join(local_name(each) for each in kb.reasoner.classes.parents(asked.cls)) or "nothing else"
+        reason = f"{local_name(asked.cls)} is no {local_name(asked.superclass)}: it is {above}"
+        if asked.cls == asked.superclass:
+            reason = f"{local_name(asked.cls)} is the class itself, and only other superclasses are answers"
+        claim = Claim(kind=ClaimKind.NOT_SUBCLASS, subject=asked.cls, object=asked.superclass)
+        yield MissingKnowledge(asked.cls, SUBCLASS_OF, reason, claims=(claim,))
+    elif known := asked.cls or asked.superclass:
+        relative = "superclass" if asked.cls else "subclass"
         why = f"{local_name(known)} has no {relative}: no subClassOf statement or definition names one"
-        claim = Claim(kind=ClaimKind.NOT_SUBCLASS, subject=cls, object=superclass)
-        yield MissingKnowledge(known, SUBCLASS_OF, why, is_filler=not cls, claims=(claim,))
+        claim = Claim(kind=ClaimKind.NOT_SUBCLASS, subject=asked.cls, object=asked.superclass)
+        yield MissingKnowledge(known, SUBCLASS_OF, why, is_filler=not asked.cls, claims=(claim,))
 
 
 class SiblingClasses(AnswerRow, frozen=True, kw_only=True):
@@ -136,23 +135,23 @@ def _explain_sibling(kb: QuestionContext, row: SiblingClasses) -> Iterator[str]:
 
 
 @siblings.missing
-def _missing_siblings(
-    kb: QuestionContext, cls: Iri | None = None, sibling: Iri | None = None
-) -> Iterator[MissingKnowledge]:
-    if not (known := cls or sibling):
+def _missing_siblings(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if not (known := asked.cls or asked.sibling):
         return
     same = {*kb.reasoner.equivalents(known)}
     above = {parent for each in same for parent in kb.reasoner.classes.parents(each)} - same
     parents = ", ".join(local_name(each) for each in sorted(above))
-    if cls and sibling == cls:
-        why = f"{local_name(cls)} is no sibling of itself"
+    if asked.cls and asked.sibling == asked.cls:
+        why = f"{local_name(asked.cls)} is no sibling of itself"
     elif not parents:
         why = f"{local_name(known)} has no sibling: it has no direct superclass"
-    elif cls and sibling:
-        why = f"{local_name(sibling)} is no sibling of {local_name(cls)}: it is not directly below {parents}"
+    elif asked.cls and asked.sibling:
+        why = (
+            f"{local_name(asked.sibling)} is no sibling of {local_name(asked.cls)}: it is not directly below {parents}"
+        )
     else:
         why = f"{local_name(known)} has no sibling: no other class is directly below {parents}"
-    claim = Claim(kind=ClaimKind.NOT_SIBLING, subject=known, object=sibling if cls else None)
+    claim = Claim(kind=ClaimKind.NOT_SIBLING, subject=known, object=asked.sibling if asked.cls else None)
     yield MissingKnowledge(known, SUBCLASS_OF, why, claims=(claim,))
 
 
@@ -240,17 +239,19 @@ def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator
 
 
 @class_properties.missing
-def _missing_property(
-    kb: QuestionContext, cls: Iri | None = None, property: Iri | None = None, value: str | None = None
-) -> Iterator[MissingKnowledge]:
-    owner = f"neither {local_name(cls)} nor an ancestor of it" if cls else "no class"
+def _missing_property(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    owner = f"neither {local_name(asked.cls)} nor an ancestor of it" if asked.cls else "no class"
     what = "a restriction on its members"
-    if property or value:
-        what = f"{local_name(property) if property else '…'} {local_name(value) if value else '…'}"
-    within = _expression_with(kb, cls, property, value) if value else None
+    if asked.property or asked.value:
+        what = (
+            f"{local_name(asked.property) if asked.property else '…'} {local_name(asked.value) if asked.value else '…'}"
+        )
+    within = _expression_with(kb, asked.cls, asked.property, asked.value) if asked.value else None
     hint = f"; {within} names it in an expression" if within else ""
-    claim = Claim(kind=ClaimKind.NO_STATED_RESTRICTION, subject=cls, property=property, object=value)
-    yield MissingKnowledge(cls or THING, property or SUBCLASS_OF, f"{owner} has {what}{hint}", claims=(claim,))
+    claim = Claim(kind=ClaimKind.NO_STATED_RESTRICTION, subject=asked.cls, property=asked.property, object=asked.value)
+    yield MissingKnowledge(
+        asked.cls or THING, asked.property or SUBCLASS_OF, f"{owner} has {what}{hint}", claims=(claim,)
+    )
 
 
 def _expression_with(kb: QuestionContext, cls: Iri | None, property: Iri | None, value: str) -> str | None:

@@ -26,6 +26,7 @@ from mindstage.knowledge.queries.proximity import (
 from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
     AnswerRow,
+    AskedArguments,
     ClassName,
     IndividualName,
     MapName,
@@ -170,34 +171,35 @@ def _explain_visibility(kb: QuestionContext, row: VisibilityRow) -> Iterator[str
 
 
 @visible_from.missing
-def _missing_visibility(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    viewer: Iri | None = None,
-    viewer_pose: str | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if viewer is None and viewer_pose is None:
+def _missing_visibility(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.viewer is None and asked.viewer_pose is None:
         yield missing_arguments("give viewer or viewer_pose: a view begins somewhere")
         return
-    found = list(missing_bodies(kb, (thing, viewer), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.viewer), asked.map, asked.present))
     yield from found
-    if found or thing is None:
+    if found or asked.thing is None:
         return
-    for bodies in placed_states(present, map):
-        view = Viewpoint.find(bodies, viewer, viewer_pose)
-        if view is not None and bodies.row_of(thing) is not None:
-            for _, _, hidden_by in _views(bodies, view, viewer, thing):
+    for bodies in placed_states(asked.present, asked.map):
+        view = Viewpoint.find(bodies, asked.viewer, asked.viewer_pose)
+        if view is not None and bodies.row_of(asked.thing) is not None:
+            for _, _, hidden_by in _views(bodies, view, asked.viewer, asked.thing):
                 by = ", ".join(local_name(each) for each in hidden_by)
-                reason = f"{individual_text(kb.reasoner, thing)} is hidden by {by}"
+                reason = f"{individual_text(kb.reasoner, asked.thing)} is hidden by {by}"
                 claims = [
-                    Claim(kind=ClaimKind.HIDDEN, subject=thing, object=each, other=viewer, map=map)
+                    Claim(kind=ClaimKind.HIDDEN, subject=asked.thing, object=each, other=asked.viewer, map=asked.map)
                     for each in hidden_by
-                    if viewer is not None
+                    if asked.viewer is not None
                 ]
-                yield missing_about(kb, thing, reason, viewer, *hidden_by, present=present, map=map, claims=claims)
+                yield missing_about(
+                    kb,
+                    asked.thing,
+                    reason,
+                    asked.viewer,
+                    *hidden_by,
+                    present=asked.present,
+                    map=asked.map,
+                    claims=claims,
+                )
 
 
 # -- what fits ---------------------------------------------------------------------------------------------------------
@@ -328,30 +330,24 @@ def _explain_fit(kb: QuestionContext, row: FitRow) -> Iterator[str]:
 
 
 @fits.missing
-def _missing_fit(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    relation: PlaceRelation | None = None,
-    place: Iri | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if thing is None and place is None:
+def _missing_fit(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.thing is None and asked.place is None:
         yield missing_arguments("give thing or place: all pairs of bodies are not listed")
         return
-    found = list(missing_bodies(kb, (thing, place), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.place), asked.map, asked.present))
     yield from found
     if not found:
-        what = local_name(thing) if thing is not None else "nothing"
-        where = f"{relation or 'onto or into'} {local_name(place) if place is not None else 'anything'}"
-        verb = "fits" if thing is None else "does not fit"
+        what = local_name(asked.thing) if asked.thing is not None else "nothing"
+        where = (
+            f"{asked.relation or 'onto or into'} {local_name(asked.place) if asked.place is not None else 'anything'}"
+        )
+        verb = "fits" if asked.thing is None else "does not fit"
         reason = f"{what} {verb} {where}, by the known surfaces and sizes"
-        if thing is not None and thing == place:
+        if asked.thing is not None and asked.thing == asked.place:
             reason = f"{what} cannot be put onto or into itself"
-        claims = body_claims((thing, place), present.states(map), map)
-        if thing is not None and place not in {None, thing} and relation is None:
-            claims += (Claim(kind=ClaimKind.NOT_FITTING, subject=thing, object=place, map=map),)
+        claims = body_claims((asked.thing, asked.place), asked.present.states(asked.map), asked.map)
+        if asked.thing is not None and asked.place not in {None, asked.thing} and asked.relation is None:
+            claims += (Claim(kind=ClaimKind.NOT_FITTING, subject=asked.thing, object=asked.place, map=asked.map),)
         yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
 
 
@@ -499,39 +495,28 @@ def _explain_place(kb: QuestionContext, row: FreePlaceRow) -> Iterator[str]:
 
 
 @free_place.missing
-def _missing_place(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    relation: PlaceRelation | None = None,
-    support: Iri | None = None,
-    cls: Iri | None = None,
-    count: Count | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    if support is None or (thing is None and cls is None):
+def _missing_place(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    if asked.support is None or (asked.thing is None and asked.cls is None):
         yield missing_arguments("give support, and thing or cls: the places for all things are not listed")
         return
-    found = list(missing_bodies(kb, (thing, support), map, present))
+    found = list(missing_bodies(kb, (asked.thing, asked.support), asked.map, asked.present))
     yield from found
     if found:
         return
-    if thing is None and cls is not None and kb.shape_rule(cls).size is None:
-        reason = f"the size of a {local_name(cls)} is unknown: assert typicalSize of it, or give a thing"
-        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=cls, property=ms("typicalSize"))
-        claims = (claim, *body_claims((support,), present.states(map), map))
-        yield MissingKnowledge(cls, ms("typicalSize"), reason, claims=claims)
+    if asked.thing is None and asked.cls is not None and kb.shape_rule(asked.cls).size is None:
+        reason = f"the size of a {local_name(asked.cls)} is unknown: assert typicalSize of it, or give a thing"
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.cls, property=ms("typicalSize"))
+        claims = (claim, *body_claims((asked.support,), asked.present.states(asked.map), asked.map))
+        yield MissingKnowledge(asked.cls, ms("typicalSize"), reason, claims=claims)
         return
-    for bodies in placed_states(present, map):
-        item, row = _item(kb, bodies, thing, cls), bodies.row_of(support)
+    for bodies in placed_states(asked.present, asked.map):
+        item, row = _item(kb, bodies, asked.thing, asked.cls), bodies.row_of(asked.support)
         if item is not None and row is not None:
-            reasons = _free_places(bodies, item, row, thing, relation, 1)[1]
+            reasons = _free_places(bodies, item, row, asked.thing, asked.relation, 1)[1]
             why = "; ".join(dict.fromkeys(reasons)) or "it has no level support surface there"
-            text = (
-                f"{individual_text(kb.reasoner, support)} has no free place for {local_name(thing or cls or '')}: {why}"
-            )
-            yield missing_about(kb, support, text, thing, present=present, map=map)
+            wanted = local_name(asked.thing or asked.cls or "")
+            text = f"{individual_text(kb.reasoner, asked.support)} has no free place for {wanted}: {why}"
+            yield missing_about(kb, asked.support, text, asked.thing, present=asked.present, map=asked.map)
 
 
 # -- liquids -----------------------------------------------------------------------------------------------------------
@@ -645,35 +630,28 @@ def _explain_liquid(kb: QuestionContext, row: LiquidContainerRow) -> Iterator[st
 
 
 @can_hold_liquid.missing
-def _missing_liquid(
-    kb: QuestionContext,
-    thing: Iri | None = None,
-    basis: LiquidBasis | None = None,
-    map: Iri | None = None,
-    *,
-    present: StateAccess,
-) -> Iterator[MissingKnowledge]:
-    found = list(missing_bodies(kb, (thing,), map, present))
+def _missing_liquid(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    found = list(missing_bodies(kb, (asked.thing,), asked.map, asked.present))
     yield from found
     if found:
         return
-    what = individual_text(kb.reasoner, thing) if thing is not None else "nothing here"
-    cls = kb.reasoner.class_of(thing) if thing is not None else None
-    verb = "is no" if thing is not None else "is a"
+    what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "nothing here"
+    cls = kb.reasoner.class_of(asked.thing) if asked.thing is not None else None
+    verb = "is no" if asked.thing is not None else "is a"
     what = f"{what} {verb} container for liquids"
-    if basis is not LiquidBasis.SHAPE:
+    if asked.basis is not LiquidBasis.SHAPE:
         reason = f"{what} by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
         claims = tuple(
             Claim(kind=ClaimKind.NO_NARROWER_RESTRICTION, subject=own, property=_CONTAINER_FOR, object=liquid)
-            for own in _classes_of(kb, thing, present, map)
+            for own in _classes_of(kb, asked.thing, asked.present, asked.map)
             for liquid in _LIQUIDS
         )
-        claims += body_claims((thing,), present.states(map), map)
+        claims += body_claims((asked.thing,), asked.present.states(asked.map), asked.map)
         yield MissingKnowledge(cls or _CONTAINER, _CONTAINER_FOR, reason, claims=claims)
-    if basis is not LiquidBasis.CLASS:
-        known = any(state.geometry for state in present.states(map))
+    if asked.basis is not LiquidBasis.CLASS:
+        known = any(state.geometry for state in asked.present.states(asked.map))
         why = "its shape retains less than 5 ml" if known else "its shape is known to a running simulation only"
-        claims = body_claims((thing,), present.states(map), map)
+        claims = body_claims((asked.thing,), asked.present.states(asked.map), asked.map)
         yield MissingKnowledge(cls or _CONTAINER, HAS_POSE, f"{what} by its shape: {why}", claims=claims)
 
 

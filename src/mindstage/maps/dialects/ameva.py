@@ -24,7 +24,7 @@ from mindstage.maps.dialects.conventions import Handedness, LengthUnit, Quaterni
 from mindstage.maps.dialects.joints import OPEN_ANGLE_RAD, HingeEvidence, InferredAxis, infer_hinge_axis
 from mindstage.maps.dialects.membership import types_of
 from mindstage.maps.dialects.semlog import read_semlog, with_tag_properties
-from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
+from mindstage.maps.dialects.source_map import Dialect, SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import convert_source_map, is_converted, original_property
 from mindstage.maps.dialects.units import infer_conventions
 from mindstage.maps.rdf_mapping.fields import ClassSizes
@@ -63,7 +63,7 @@ from mindstage.scene import (
 from mindstage.scene.kinematics import FrontSide, ObservedBox, front_side, is_handle_class
 from mindstage.scene.transforms import Array
 
-__all__ = ["AMEVA_DIALECT", "add_joint_definitions", "is_ameva", "read_ameva"]
+__all__ = ["AMEVA", "AMEVA_DIALECT", "add_joint_definitions", "is_ameva", "read_ameva"]
 
 
 _CENTER_TOLERANCE = 0.1
@@ -361,3 +361,6 @@ def _class_values(facts: Sequence[PropertyAssertion]) -> Iterator[PropertyAssert
             yield from (PropertyAssertion(on[0], each.value) for each in inner if each.property == HAS_VALUE and on)
         elif fact.property in _CLASS_VALUED:
             yield fact
+
+
+AMEVA = Dialect(AMEVA_DIALECT, is_ameva, read_ameva, order=30)

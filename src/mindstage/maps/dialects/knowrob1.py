@@ -39,7 +39,7 @@ from mindstage.maps.dialects.poses import MatrixPose, NumberReader, pose_from_ma
 from mindstage.maps.dialects.semlog import read_semlog
 from mindstage.maps.dialects.serialize import SubjectBlock
 from mindstage.maps.dialects.soma import is_soma, read_soma
-from mindstage.maps.dialects.source_map import SourceMap
+from mindstage.maps.dialects.source_map import Dialect, SourceMap
 from mindstage.maps.dialects.units import decide_quaternion_order, guess_units
 from mindstage.maps.rdf_mapping import properties as codecs
 from mindstage.rdf.graphs import Graph, local_name, part_name
@@ -70,6 +70,7 @@ from mindstage.scene.kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
 
 __all__ = [
+    "KNOWROB1",
     "KNOWROB1_DIALECT",
     "PerceivedPoses",
     "add_joints",
@@ -618,3 +619,6 @@ def _attach_parts(normalizer: DialectNormalizer) -> None:
     for whole, part in pairs:
         if normalizer.can_attach(whole, part) and part not in attached:
             normalizer.attach(whole, part)
+
+
+KNOWROB1 = Dialect("KnowRob 1", is_knowrob1, read_knowrob1, order=10)

@@ -20,7 +20,7 @@ from mindstage.maps.dialects.body_boxes import with_body_boxes
 from mindstage.maps.dialects.conventions import SI
 from mindstage.maps.dialects.map_statistics import is_constraint
 from mindstage.maps.dialects.membership import types_of
-from mindstage.maps.dialects.source_map import SourceMap
+from mindstage.maps.dialects.source_map import Dialect, SourceMap
 from mindstage.maps.dialects.unit_conversion import convert_source_map
 from mindstage.maps.dialects.units import default_conventions
 from mindstage.maps.rdf_mapping import properties as codecs
@@ -86,6 +86,8 @@ from mindstage.scene import (
 )
 
 __all__ = [
+    "EARLY_SEMLOG",
+    "SEMLOG",
     "check_duplicate_poses",
     "is_early_semlog",
     "read_early_semlog",
@@ -435,3 +437,9 @@ def _facts_from_tags(
             source_map.report(Severity.WARNING, member, codec.property, problem, action)
         else:
             yield PropertyAssertion(codec.property, codec.encode(value))
+
+
+EARLY_SEMLOG = Dialect("SemLog, early", is_early_semlog, read_early_semlog, order=40)
+
+
+SEMLOG = Dialect("SemLog", lambda source_map: True, read_semlog_map, order=50)

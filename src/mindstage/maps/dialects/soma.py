@@ -26,7 +26,7 @@ from mindstage.maps.dialects.membership import types_of
 from mindstage.maps.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
 from mindstage.maps.dialects.poses import NumberReader
 from mindstage.maps.dialects.soma_nodes import RdfNode, RdfNodes
-from mindstage.maps.dialects.source_map import SourceMap
+from mindstage.maps.dialects.source_map import Dialect, SourceMap
 from mindstage.maps.dialects.units import decide_quaternion_order, guess_units
 from mindstage.maps.rdf_mapping import properties as codecs
 from mindstage.rdf.graphs import local_name
@@ -53,7 +53,7 @@ from mindstage.scene import Iri, IriRef, Material, Pose, PrimitiveType, World
 from mindstage.scene.kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
 
-__all__ = ["add_joints", "is_soma", "read_soma"]
+__all__ = ["SOMA", "add_joints", "is_soma", "read_soma"]
 
 
 _JOINT_TYPES = {
@@ -500,3 +500,6 @@ class _SomaReader:
         for whole, part in pairs:
             if normalizer.can_attach(whole, part) and part not in attached:
                 normalizer.attach(whole, part)
+
+
+SOMA = Dialect("SOMA", is_soma, read_soma, order=20)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from mindstage.maps.dialects.conventions import Assumption, AssumptionSink, UnitConventions
 from mindstage.rdf.graphs import FindingSink, Graph, Severity
 from mindstage.rdf.taxonomy import ClassHierarchy
-from mindstage.scene import Iri, Vector
+from mindstage.scene import Iri, Vector, World
 
-__all__ = ["MeshBounds", "SourceMap", "ignore_finding"]
+__all__ = ["Dialect", "MeshBounds", "SourceMap", "ignore_finding"]
 
 MeshBounds = Callable[[Sequence[tuple[str | None, Iri]]], Sequence[tuple[Vector, Vector] | None]]
 """Returns the lower and upper corners of meshes in their own frames, by mesh name and class; None for missing files."""
@@ -35,6 +36,8 @@ class SourceMap:
     """Conventions chosen by the user; None in a field leaves the decision to the reader."""
     mesh_bounds: MeshBounds | None = None
     """Reads the bounds of mesh files; None without any."""
+    is_untrusted: bool = False
+    """Whether it came over a port; it is then read only by dialects that are offered there."""
     implied_members: frozenset[Iri] = frozenset()
     """The individuals, and the map, whose membership statements are not in the sources but follow from them."""
 
@@ -48,6 +51,18 @@ class SourceMap:
         """
         overridden = getattr(self.conventions, topic, None) is not None
         self.add_assumption(Assumption(self.map, topic, value, evidence, overridden))
+
+
+class Dialect(NamedTuple):
+    """A map dialect; the entry points `mindstage.dialects` name these."""
+
+    name: str
+    matches: Callable[[SourceMap], bool]
+    """Whether a map is written in this dialect, judged by its statements."""
+    read: Callable[[SourceMap], World]
+    """Converts a map of this dialect to a world."""
+    order: int = 0
+    """Those with lower numbers are asked first whether they match; Mindstage's own have numbers from 10 to 50."""
 
 
 def ignore_finding(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:

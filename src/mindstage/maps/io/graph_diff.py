@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from mindstage.maps.dialects.detection import detect_dialect
 from mindstage.maps.dialects.membership import types_of
-from mindstage.maps.dialects.registry import detect_dialect
 from mindstage.maps.dialects.soma_nodes import POSE_6D, without_restatements
 from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.dialects.unit_conversion import (

@@ -15,13 +15,14 @@ from mindstage.errors import MapWriteError
 from mindstage.files import atomic_write
 from mindstage.maps.dialects.serialize import DocumentSection, PrefixTable, to_sections
 from mindstage.maps.dialects.soma_export import write_as_soma
+from mindstage.maps.io.formats import MapFormat
 from mindstage.maps.io.graph_diff import SourceMapView
 from mindstage.maps.io.serializers import to_rdf_xml, to_turtle
 from mindstage.maps.io.write_original import write_in_source_dialect
 from mindstage.rdf.graphs import gc_paused
 from mindstage.scene import Iri, World
 
-__all__ = ["MapDialect", "MapFormat", "save_file", "save_map", "save_statements", "write_map"]
+__all__ = ["MapDialect", "save_file", "save_map", "save_statements", "write_map"]
 
 
 class MapDialect(StrEnum):
@@ -31,14 +32,6 @@ class MapDialect(StrEnum):
     """SemLog with physical properties (2019), which KnowRob's game engine plugins read."""
     SOMA = "soma"
     """KnowRob 2; values that it cannot express are written in the SemLog vocabulary."""
-
-
-class MapFormat(StrEnum):
-    """File formats of maps."""
-
-    RDF_XML = "rdf/xml"
-    """The format that KnowRob reads; it cannot represent some names and characters."""
-    TURTLE = "turtle"
 
 
 _SUFFIXES = {

@@ -16,9 +16,9 @@ from itertools import chain
 import msgspec
 
 from mindstage.maps.dialects.conventions import Assumption, UnitConventions
+from mindstage.maps.dialects.detection import read_world
 from mindstage.maps.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
 from mindstage.maps.dialects.membership import individuals_by_map, is_membership
-from mindstage.maps.dialects.registry import read_world
 from mindstage.maps.dialects.serialize import DocumentSection, SubjectBlock
 from mindstage.maps.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.maps.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements

@@ -126,7 +126,8 @@ class UrdfSources:
         Raises:
             SourceParseError: it cannot be read or is not a robot description.
         """
-        from mindstage.maps.io.write import MapFormat, write_map
+        from mindstage.maps.io.formats import MapFormat
+        from mindstage.maps.io.write import write_map
         from mindstage.maps.urdf.to_world import urdf_to_world
 
         urdf_world = urdf_to_world(self._read(path), class_of=self.class_names.class_of_link)
@@ -150,7 +151,8 @@ class UrdfSources:
         if not self.urdf_robots:
             self.findings.append(_missing_robot(file, links))
             return file
-        from mindstage.maps.io.write import MapFormat, write_map
+        from mindstage.maps.io.formats import MapFormat
+        from mindstage.maps.io.write import write_map
         from mindstage.maps.urdf.to_world import urdf_to_world
 
         found: set[Iri] = set()

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from mindstage.robots.skills.catalog import SKILLS, start_skill
     from mindstage.robots.skills.declaration import (
         ParameterType,
         SkillNeed,
@@ -18,12 +17,13 @@ if TYPE_CHECKING:
         SkillSpec,
         SkillState,
         SkillStep,
+        skill_specs,
         split_command,
     )
     from mindstage.robots.skills.front_access import FrontReach, FrontReachStep, FrontWay, can_open
+    from mindstage.robots.skills.performance import start_skill
 
 __all__ = [
-    "SKILLS",
     "FrontReach",
     "FrontReachStep",
     "FrontWay",
@@ -36,10 +36,11 @@ __all__ = [
     "SkillState",
     "SkillStep",
     "can_open",
+    "skill_specs",
     "split_command",
     "start_skill",
 ]
 
 __getattr__, __dir__ = lazy_names(
-    __name__, [f"{__name__}.{each}" for each in ("declaration", "catalog", "front_access")]
+    __name__, [f"{__name__}.{each}" for each in ("declaration", "performance", "front_access")]
 )

@@ -16,12 +16,14 @@ import shlex
 from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import suppress
 from enum import StrEnum
-from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
+from operator import attrgetter
+from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_type_hints
 
 import msgspec
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.ranges import Angle, Coordinate, Fraction, check_number, declared_range
+from mindstage.registry import Group, catalog
 from mindstage.scene import BodyId
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "KindName",
     "LengthM",
     "ParameterType",
+    "Skill",
     "SkillMotion",
     "SkillNeed",
     "SkillOutcome",
@@ -42,6 +45,7 @@ __all__ = [
     "SupportName",
     "ThingName",
     "skill",
+    "skill_specs",
     "split_command",
 ]
 
@@ -188,8 +192,6 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
     alternatives: tuple[tuple[str, ...], ...]
     """Groups of parameters of which exactly one has to be given, such as a thing or coordinates."""
     needs: frozenset[SkillNeed]
-    function: Callable[..., SkillMotion]
-    """Called with the `SkillTask` and the arguments."""
 
     def parameter(self, name: str) -> SkillParameter:
         """The parameter of that name.
@@ -272,6 +274,19 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
         return self.check(args)
 
 
+class Skill(NamedTuple):
+    """A declared skill with the function that performs it; the entry points `mindstage.skills` name these."""
+
+    spec: SkillSpec
+    function: Callable[..., SkillMotion]
+    """Called with the `SkillTask` and the arguments."""
+
+
+def skill_specs() -> Mapping[str, SkillSpec]:
+    """All skills by name; those that perform them are not imported, which would take a second."""
+    return catalog(Group.SKILLS, Skill, attrgetter("spec"), SkillSpec)
+
+
 def _is_number(text: str) -> bool:
     try:
         return math.isfinite(float(text))
@@ -296,7 +311,7 @@ def split_command(command: str) -> tuple[str, list[str]]:
 
 def skill(
     *, needs: Iterable[SkillNeed], alternatives: tuple[tuple[str, ...], ...] = (), name: str = ""
-) -> Callable[[Callable[..., SkillMotion]], SkillSpec]:
+) -> Callable[[Callable[..., SkillMotion]], Skill]:
     """Declares a skill.
 
     Args:
@@ -305,17 +320,17 @@ def skill(
         name: its name; by default that of the function.
     """
 
-    def declare(function: Callable[..., SkillMotion]) -> SkillSpec:
+    def declare(function: Callable[..., SkillMotion]) -> Skill:
         documentation = _without_task(inspect.cleandoc(function.__doc__ or ""))
-        return SkillSpec(
+        spec = SkillSpec(
             name=name or function.__name__,
             summary=documentation.split("\n\n")[0].replace("\n", " "),
             documentation=documentation,
             parameters=tuple(_parameters(function, documentation)),
             alternatives=alternatives,
             needs=frozenset(needs),
-            function=function,
         )
+        return Skill(spec, function)
 
     return declare
 

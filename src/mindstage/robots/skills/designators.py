@@ -29,7 +29,7 @@ from mindstage.errors import AmbiguousNameError, InvalidArgumentError, Knowledge
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
-from mindstage.robots.skills.declaration import SkillValue
+from mindstage.robots.skills.declaration import SkillValue, skill_specs
 from mindstage.scene import Body, BodyId, Iri, World
 
 __all__ = ["ACTION_TYPES", "DesignatedSkill", "DesignatorChoice", "DesignatorWorld", "read_designator"]
@@ -92,8 +92,6 @@ def read_designator(designator: str | Mapping[str, Any] | Sequence[Any], world: 
         NameNotFoundError: no body fits the description of an object.
         AmbiguousNameError: several bodies fit the description of "the" object.
     """
-    from mindstage.robots.skills.catalog import SKILLS  # imports motion planning, which takes a second
-
     action = _parse(_decoded(designator), "action")
     if action.kind not in {"action", ""}:
         raise InvalidArgumentError("the designator", cause=f"it describes {action.kind}", remedy="give an action")
@@ -105,7 +103,7 @@ def read_designator(designator: str | Mapping[str, Any] | Sequence[Any], world: 
         raise InvalidArgumentError("the action", cause=f"its type {type!r} is unknown", remedy=near)
     reading = _Reading(world, {key: value for key, value in action.properties.items() if key != "type"}, type)
     skill = ACTION_TYPES[type](reading)
-    args = SKILLS[skill].check(reading.args)
+    args = skill_specs()[skill].check(reading.args)
     ignored = tuple(key for key in action.properties if key not in {*reading.used, "type"})
     return DesignatedSkill(skill=skill, args=args, choices=tuple(reading.choices), ignored=ignored)
 

@@ -13,7 +13,7 @@ from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.models.model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
+from mindstage.robots.skills.declaration import Skill, SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.scene import BodyId
 
@@ -93,16 +93,16 @@ class SkillTask:
             self.steps[index] = replace(self.steps[index], end_s=self.duration_s, succeeded=succeeded)
             self._report(index)
 
-    def perform(self, spec: SkillSpec, **args: object) -> SkillMotion:
+    def perform(self, skill: Skill, **args: object) -> SkillMotion:
         """Performs a skill as a part of this one.
 
         Raises:
             InvalidArgumentError: the skill does not take these arguments.
             SkillFailedError: it failed.
         """
-        checked = spec.check(args)
-        with self.step(spec.name, " ".join([spec.name, *map(str, checked.values())])):
-            yield from spec.function(self, **checked)
+        checked = skill.spec.check(args)
+        with self.step(skill.spec.name, " ".join([skill.spec.name, *map(str, checked.values())])):
+            yield from skill.function(self, **checked)
 
     def surroundings(self) -> Surroundings:
         """The things of the world as they are now, without robots."""

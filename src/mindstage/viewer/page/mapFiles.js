@@ -2,23 +2,25 @@
 
 import { el } from "./dom.js";
 import { icon } from "./icons.js";
+import { channel } from "./rpcChannel.js";
 import { callOrToast, toast } from "./toasts.js";
 import { viewFrame } from "./viewFrame.js";
 
 const MAX_BYTES = 20_000_000;
 const FORMATS = [
   ["", "Original format"],
-  ["rdf/xml semlog", "SemLog, OWL"],
-  ["turtle semlog", "SemLog, Turtle"],
-  ["rdf/xml soma", "SOMA, OWL"],
-  ["turtle soma", "SOMA, Turtle"],
+  ["owl semlog", "SemLog, OWL"],
+  ["ttl semlog", "SemLog, Turtle"],
+  ["owl soma", "SOMA, OWL"],
+  ["ttl soma", "SOMA, Turtle"],
 ];
 
 async function save(choice) {
   const [format, dialect] = choice.split(" ");
   const map = await callOrToast("save", { ...(format && { format }), ...(dialect && { dialect }) });
   if (!map) return;
-  const url = URL.createObjectURL(new Blob([map.text], { type: map.type }));
+  const content = map.text ?? Uint8Array.from(atob(map.base64), (character) => character.charCodeAt(0));
+  const url = URL.createObjectURL(new Blob([content]));
   el("a", { href: url, download: map.name }).click();
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
@@ -40,6 +42,9 @@ const formatMenu = el("select", { "aria-label": "Save as a map", title: "Save as
   save(formatMenu.value);
   formatMenu.selectedIndex = 0;
 } }, el("option", { value: "none", disabled: true, selected: true }, "Save map…"), FORMATS.map(([value, text]) => el("option", { value }, text)));
+
+// A replay has no formats.
+channel.call("formats").then((others) => formatMenu.append(...others.map(({ name, title }) => el("option", { value: name }, title))), () => {});
 
 const fileInput = el("input", { type: "file", accept: ".owl,.rdf,.xml,.ttl,.urdf", "aria-label": "Map file", "data-role": "upload", hidden: true, onchange: async () => {
   if (fileInput.files.length) await load(fileInput.files[0]);

@@ -54,6 +54,7 @@ class PositionSlider {
 class RobotPanel {
   #robots = [];
   #skills = [];
+  #measurable = [];
   #name = null;
   #sliders = new Map();
   #inputs = new Map();
@@ -86,6 +87,7 @@ class RobotPanel {
     const offer = await callOrToast("robots.offer");
     if (!offer) return;
     this.#skills = offer.skills;
+    this.#measurable = offer.measurable;
     this.#showAdding(offer.models);
     this.#showRobots(channel.latest("robots") ?? []);
   }
@@ -251,9 +253,14 @@ class RobotPanel {
   }
 
   #showFacts({ source, notes, sensors }) {
+    const reading = el("p", { class: "wrap", "data-role": "reading" });
     replaceChildren(this.#facts, el("p", { class: "muted wrap" }, source),
       sensors.length ? el("p", { class: "wrap" }, `Sensors: ${sensors.join(", ")}`) : null,
-      el("ul", { "data-role": "robot-notes" }, notes.map((text) => el("li", { class: "wrap" }, text))));
+      el("ul", { "data-role": "robot-notes" }, notes.map((text) => el("li", { class: "wrap" }, text))),
+      el("div", { class: "row" }, this.#measurable.map((sensor) => el("button", { type: "button", "data-sensor": sensor, onclick: async () => {
+        const measured = await this.#call("measure", { sensor });
+        if (measured !== undefined) reading.textContent = JSON.stringify(measured);
+      } }, `Measure ${sensor.replaceAll("_", " ")}`))), reading);
   }
 
   // -- the state -----------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The catalog of questions agrees with the declarations, and a question is found without importing all others."""
+"""Questions are entry points: each declared one is installed, and is found without importing all others."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 import mindstage
+from mindstage.access.policies import Access
+from mindstage.access.resources import from_outside
 from mindstage.errors import QuestionNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge import questions as declarations
-from mindstage.knowledge.question_catalog import CATALOG
 from mindstage.knowledge.questions import (
-    DECLARING_MODULES,
     AnswerRow,
     IndividualName,
     Question,
@@ -25,11 +25,12 @@ from mindstage.knowledge.questions import (
     list_questions,
     question,
     question_names,
-    questions_with_words,
 )
-from mindstage.knowledge.sentences import sentence_patterns, understand
+from mindstage.knowledge.sentences import questions_with_words, sentence_patterns, understand
+from mindstage.registry import Group, extensions
 from mindstage.scene import Iri
 
+INSTALLED = extensions(Group.QUESTIONS)
 SOURCES = Path(mindstage.__file__).parent
 DECLARED = [each for each in list_questions() if each.module.startswith("mindstage.")]
 
@@ -40,7 +41,7 @@ class Cheer(AnswerRow, frozen=True):
 
 @pytest.fixture
 def cheers() -> Iterator[Question[Cheer]]:
-    """A question of a user's program, which no catalog has."""
+    """A question of a user's program, which is no entry point."""
 
     @question(sentences=("what cheers for {thing}",))
     def what_cheers(kb: QuestionContext, thing: IndividualName | None = None) -> Iterator[Cheer]:
@@ -48,23 +49,20 @@ def cheers() -> Iterator[Question[Cheer]]:
         yield Cheer(thing=Iri(thing or "urn:nobody"))
 
     yield what_cheers
-    del declarations._QUESTIONS[what_cheers.name]
+    del declarations._declared[what_cheers.module, what_cheers.name]
 
 
-def test_the_catalog_has_the_declared_questions_in_their_order() -> None:
-    assert [(name, entry.module) for name, entry in CATALOG.items()] == [(each.name, each.module) for each in DECLARED]
-
-
-def test_every_module_that_declares_questions_is_listed() -> None:
-    declaring = {
-        ".".join(["mindstage", *path.relative_to(SOURCES).with_suffix("").parts])
+def test_every_declared_question_is_an_entry_point_that_ports_offer() -> None:
+    declared = {
+        (".".join(["mindstage", *path.relative_to(SOURCES).with_suffix("").parts]), node.name)
         for path in SOURCES.rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef)
         for decorator in node.decorator_list
         if ast.unparse(decorator).partition("(")[0] == "question"
     }
-    assert declaring == {*DECLARING_MODULES}
+    assert declared == {(each.module, each.attribute) for each in INSTALLED.values() if each.is_offered}
+    assert {each.name: each.module for each in DECLARED} == {each.name: each.module for each in INSTALLED.values()}
 
 
 @pytest.mark.parametrize("declared", DECLARED, ids=lambda each: each.name)
@@ -112,7 +110,7 @@ def test_a_question_is_found_without_importing_those_of_other_modules() -> None:
         "print(*(name for name in sys.modules if name.startswith('mindstage.')))"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert {*loaded} & {*DECLARING_MODULES} == {"mindstage.knowledge.queries.storage"}
+    assert {*loaded} & {each.module for each in INSTALLED.values()} == {"mindstage.knowledge.queries.storage"}
 
 
 def test_the_order_of_imports_does_not_change_the_order_of_questions() -> None:
@@ -122,18 +120,53 @@ def test_the_order_of_imports_does_not_change_the_order_of_questions() -> None:
         "print(*(each.name for each in list_questions()))"
     )
     listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert listed == [*CATALOG]
+    assert listed == sorted(INSTALLED)
 
 
-def test_a_question_of_a_users_program_needs_no_entry(cheers: Question[Cheer]) -> None:
+def test_a_question_of_a_users_program_needs_no_entry_point(cheers: Question[Cheer]) -> None:
     assert get_question("what-cheers") is cheers
-    assert question_names() == (*CATALOG, "what_cheers")
+    assert question_names() == (*INSTALLED, "what_cheers")
     assert list_questions()[-1] is cheers
     kb = KnowledgeBase()
     kb.load("bundled:kitchen")
     answers = kb.ask("what cheers for milk_carton_1?")
     assert answers.question is cheers
     assert [row.thing.rpartition("#")[2] for row in answers] == ["milk_carton_1"]
+
+
+def test_a_question_of_a_users_program_is_not_offered_to_clients_of_ports(cheers: Question[Cheer]) -> None:
+    with from_outside():
+        assert cheers not in list_questions()
+        assert "what_cheers" not in question_names()
+        with pytest.raises(QuestionNotFoundError):
+            get_question("what_cheers")
+        assert not [each for each in questions_with_words({"what", "cheers", "for", "milk"}) if each is cheers]
+
+
+def test_a_question_of_a_users_program_is_offered_if_it_declares_that_it_reads() -> None:
+    @question(access=Access.READ)
+    def what_glows(kb: QuestionContext, thing: IndividualName | None = None) -> Iterator[Cheer]:
+        """What glows."""
+        yield Cheer(thing=Iri("urn:lamp"))
+
+    try:
+        with from_outside():
+            assert get_question("what_glows") is what_glows
+    finally:
+        del declarations._declared[what_glows.module, what_glows.name]
+
+
+def test_a_question_of_a_users_program_hides_no_installed_one() -> None:
+    @question
+    def nearest(kb: QuestionContext, thing: IndividualName | None = None) -> Iterator[Cheer]:
+        """Another question of that name."""
+        yield Cheer(thing=Iri("urn:nobody"))
+
+    try:
+        assert get_question("nearest").module == "mindstage.knowledge.queries.proximity"
+        assert [each.name for each in list_questions()].count("nearest") == 1
+    finally:
+        del declarations._declared[nearest.module, nearest.name]
 
 
 def test_an_unknown_question_is_an_error_with_the_nearest_name() -> None:

@@ -1,4 +1,4 @@
-"""All skills by name, and how one is started.
+"""How a skill is started, and performed until its end or its deadline.
 
 motion = start_skill(robot, "put_away", {"thing": "milk_1"})
 result = robot.session.run_motion(motion)  # or step by each yielded time
@@ -7,7 +7,6 @@ result = robot.session.run_motion(motion)  # or step by each yielded time
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from mindstage.access.limits import Timeout
@@ -22,43 +21,12 @@ from mindstage.errors import (
     suggestion,
 )
 from mindstage.ranges import Seed, checked
+from mindstage.registry import Group, extensions
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.declaration import (
-    SkillOutcome,
-    SkillResult,
-    SkillSpec,
-    SkillStep,
-    SkillValue,
-)
-from mindstage.robots.skills.doors import close_thing, open_thing
-from mindstage.robots.skills.errands import fetch, put_away
-from mindstage.robots.skills.handling import grasp, pick, place, pour, release
-from mindstage.robots.skills.movement import go_to, look_at, park, reach
+from mindstage.robots.skills.declaration import Skill, SkillOutcome, SkillResult, SkillStep, SkillValue
 from mindstage.robots.skills.task import SkillTask
 
-__all__ = ["SKILLS", "start_skill"]
-
-SKILLS: Mapping[str, SkillSpec] = MappingProxyType(
-    {
-        each.name: each
-        for each in (
-            go_to,
-            look_at,
-            reach,
-            park,
-            open_thing,
-            close_thing,
-            grasp,
-            release,
-            pick,
-            place,
-            pour,
-            put_away,
-            fetch,
-        )
-    }
-)
-"""The skills by name."""
+__all__ = ["start_skill"]
 
 
 class _End(NamedTuple):
@@ -93,26 +61,28 @@ def start_skill(
 
     Raises:
         InvalidArgumentError: there is no such skill, or it does not take these arguments.
+        ExtensionError: the package that adds it cannot be imported.
     """
-    spec = SKILLS.get(name)
-    if spec is None:
-        remedy = suggestion(name, SKILLS)
+    known = extensions(Group.SKILLS)
+    if name not in known:
+        remedy = suggestion(name, known)
         raise InvalidArgumentError("a skill", cause=f"there is no skill {name!r}", remedy=remedy)
-    return _performing(robot, spec, spec.check(args), deadline_s, seed, on_step)
+    skill = known[name].load(Skill)
+    return _performing(robot, skill, skill.spec.check(args), deadline_s, seed, on_step)
 
 
 def _performing(
     robot: Robot,
-    spec: SkillSpec,
+    skill: Skill,
     args: dict[str, SkillValue],
     deadline_s: float | None,
     seed: int,
     on_step: Callable[[SkillStep], object] | None,
 ) -> Generator[float, None, SkillResult]:
     task = SkillTask(robot, seed=seed, on_step=on_step)
-    with robot.performing(spec.name, args) as report:
+    with robot.performing(skill.spec.name, args) as report:
         try:
-            end = yield from _until_deadline(task, spec, args, deadline_s)
+            end = yield from _until_deadline(task, skill, args, deadline_s)
         except BaseException:
             robot.stop()
             raise
@@ -121,7 +91,7 @@ def _performing(
         report(end.outcome, end.reason)
     return SkillResult(
         outcome=end.outcome,
-        skill=spec.name,
+        skill=skill.spec.name,
         args=args,
         reason=end.reason,
         assumptions=tuple(task.assumptions),
@@ -133,11 +103,11 @@ def _performing(
 
 
 def _until_deadline(
-    task: SkillTask, spec: SkillSpec, args: dict[str, SkillValue], deadline_s: float | None
+    task: SkillTask, skill: Skill, args: dict[str, SkillValue], deadline_s: float | None
 ) -> Generator[float, None, _End]:
     try:
-        task.check_needs(spec)
-        motion = spec.function(task, **args)
+        task.check_needs(skill.spec)
+        motion = skill.function(task, **args)
         try:
             while (duration_s := next(motion, None)) is not None:
                 if deadline_s is not None and task.duration_s + duration_s > deadline_s:
