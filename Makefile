@@ -52,6 +52,7 @@ check: .venv/dev.stamp  ## style, types, package structure, and that generated f
 	@$(python) -m ruff check .
 	@$(python) -m ruff format --check .
 	@$(python) -m mypy
+	@$(python) -m pyright --pythonpath $(python)
 	@cd godot && ../.venv/bin/gdformat --check --line-length 120 . && ../.venv/bin/gdlint .
 	@$(python) scripts/make_kitchen.py --check
 	@$(python) scripts/make_shapes.py --check

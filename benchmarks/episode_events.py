@@ -13,6 +13,7 @@ from mindstage.engines import Engine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import EpisodeFrame, EventDetector
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, BodyPhysics, GeometryMap, Iri, Mobility, Pose, World
+from mindstage.scene.edits import Spawn
 
 _RATE_HZ = 30
 _FRAMES = 120
@@ -90,7 +91,7 @@ def _crates(count: int, *, loose: int) -> Engine:
     ]
     floor = box("floor", (side / 4, side / 4, -0.05), (side, side, 0.1), Mobility.STATIC)
     engine = MujocoEngine()
-    engine.spawn(World(iri=Iri("http://example.org/crates"), bodies=(floor, *crates)))
+    engine.apply(Spawn(World(iri=Iri("http://example.org/crates"), bodies=(floor, *crates))))
     engine.step(2.0)
     return engine
 

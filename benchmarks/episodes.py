@@ -24,6 +24,7 @@ from mindstage.episodes import recorder as recording
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import Recorder
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 
 _RATE_HZ = 30.0
@@ -153,7 +154,7 @@ def _record_circle(path: Path, *, seconds: float) -> None:
 
 
 def _set_pose(engine: Engine, *, pose: Pose) -> None:
-    engine.set_pose(BodyId("milk_carton_1"), pose)
+    engine.apply(SetPoses({BodyId("milk_carton_1"): pose}))
 
 
 def _cost(folder: Path) -> Iterator[Measure]:

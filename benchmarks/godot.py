@@ -20,6 +20,7 @@ from mindstage.engines.remote.godot import GodotEngine
 from mindstage.engines.remote.godot_process import find_godot, isolated_environment, prepare_project
 from mindstage.errors import EngineUnavailableError
 from mindstage.scene import World
+from mindstage.scene.edits import Spawn
 
 COUNTS = (136, 1000, 5000)
 TICK_S = 1 / 240
@@ -75,7 +76,7 @@ def _times(make: Callable[[], Engine], world: World) -> Times:
         engine = make()
         engine.clear()
         start = time.perf_counter()
-        engine.spawn(world)
+        engine.apply(Spawn(world))
         engine.poses()
         spawns.append(time.perf_counter() - start)
         engine.step(TICK_S)
@@ -102,7 +103,7 @@ def _apply_force(engine: GodotEngine) -> Measure:
     """Applies a force, steps and reads the poses repeatedly, as during a drag."""
     kitchen = kitchen_world()
     engine.clear()
-    engine.spawn(kitchen)
+    engine.apply(Spawn(kitchen))
     body = next(each.id for each in kitchen.bodies if each.physics.is_dynamic)
     engine.poses()
     start = time.perf_counter()

@@ -20,6 +20,7 @@ from mindstage.imagination import Executor, Plan, Push, Uncertainty, Wait, Worke
 from mindstage.imagination.executors import Job, SampleRunner
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.scene.edits import Spawn
 from mindstage.simulation import Simulation, SimulationImage
 
 _DURATION_S = 2.0
@@ -74,7 +75,7 @@ def _rows_of_crates(count: int) -> Engine:
     crates = [box(f"c{n}", (n % side * 0.5, n // side * 0.5, 0.1), (0.2, 0.2, 0.2), True) for n in range(count)]
     floor = box("floor", (side / 4, side / 4, -0.05), (side, side, 0.1), False)
     engine = MujocoEngine()
-    engine.spawn(World(iri=Iri("http://example.org/crates"), bodies=(floor, *crates)))
+    engine.apply(Spawn(World(iri=Iri("http://example.org/crates"), bodies=(floor, *crates))))
     engine.step(2.0)
     return engine
 

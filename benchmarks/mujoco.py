@@ -15,6 +15,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.scene.edits import Spawn
 
 RUNS = 9
 
@@ -56,7 +57,7 @@ def _box(name: str, position: tuple[float, float, float], size: tuple[float, flo
 
 def _spawn(world: World) -> MujocoEngine:
     engine = MujocoEngine()
-    engine.spawn(world)
+    engine.apply(Spawn(world))
     engine.poses()
     engine.step(0.002)
     return engine

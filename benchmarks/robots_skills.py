@@ -23,6 +23,7 @@ from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.skills import SkillResult, SkillStep, can_open, start_skill
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 
 _START = (0.9, 0.6, 0.0)
@@ -188,7 +189,7 @@ def _place_milk(sim: Simulation, robot: Robot, chance: random.Random) -> str:
 
 
 def _set_pose(sim: Simulation, pose: Pose) -> None:
-    sim.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), pose), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): pose})), edits=True)
 
 
 def main() -> None:

@@ -13,12 +13,12 @@ import numpy as np
 
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
-from mindstage.engines import SpawnOptions
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.robots.drives import drives_of
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.world import robot_world
 from mindstage.scene import Pose
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import Array
 
 RUNS = 25
@@ -48,9 +48,9 @@ def measure() -> Iterator[Measure]:
 def _kitchen_with_robot() -> tuple[MujocoEngine, list[str]]:
     engine, model = MujocoEngine(), load_model("mobile_manipulator")
     kitchen = kitchen_world()
-    engine.spawn(kitchen)
+    engine.apply(Spawn(kitchen))
     placed = robot_world(model, Pose((0.0, 0.0, 0.0)), name="robot", taken={each.id for each in kitchen.bodies})
-    engine.spawn(placed.world, geometry=placed.geometry, options=SpawnOptions(settle=False))
+    engine.apply(Spawn(placed.world, geometry=placed.geometry, settle=False))
     drives = drives_of(model, placed, name="robot")
     drives.add_to(engine)
     engine.step(0.5)

@@ -20,6 +20,7 @@ from mindstage.geometry.fit import fit_geometry
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import NO_GEOMETRY, GeometryMap, World
+from mindstage.scene.edits import Spawn
 
 RUNS = 9
 _DEEP_M = 0.001
@@ -146,7 +147,7 @@ def _quality(scene: _Scene) -> Iterator[Measure]:
 
 def _quality_of(scene: _Scene, geometry: GeometryMap) -> _Quality:
     engine = MujocoEngine()
-    report = engine.spawn(scene.world, geometry=geometry)
+    report = engine.apply(Spawn(scene.world, geometry=geometry)).report
     before = engine.poses()[1]
     engine.step(10.0)
     moved = np.linalg.norm(engine.poses()[1][:, :3] - before[:, :3], axis=1).max()
@@ -160,7 +161,7 @@ def _quality_of(scene: _Scene, geometry: GeometryMap) -> _Quality:
 
 def _spawned(scene: _Scene, geometry: GeometryMap) -> MujocoEngine:
     engine = MujocoEngine()
-    engine.spawn(scene.world, geometry=geometry)
+    engine.apply(Spawn(scene.world, geometry=geometry))
     engine.step(0.002)
     return engine
 

@@ -14,5 +14,5 @@ with tempfile.TemporaryDirectory() as folder:
         sim.save(now)
     difference = ms.diff("bundled:kitchen", now)  # paths, worlds and simulations, in any combination
     print(difference)
-    moved = {change.id for change in difference.changed if change.kind == "translation_m" and change.error > 0.1}
+    moved = {change.id for change in difference.changed if change.kind == "translation_m" and (change.error or 0) > 0.1}
     print("moved by more than 10 cm:", *sorted(moved))

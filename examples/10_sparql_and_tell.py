@@ -6,7 +6,7 @@ QUERY = "SELECT ?mug { ?mug a ms:CoffeeMug } ORDER BY ?mug"
 
 with KnowledgeBase() as kb:
     kb.load("bundled:kitchen")
-    for (mug,) in kb.sparql(QUERY).rows:
+    for mug in kb.sparql(QUERY)["mug"]:
         print(mug.value)
 
     kb.tell("CookieJar", "typePrimaryFunction-containerFor", "Candy")

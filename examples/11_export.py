@@ -7,7 +7,7 @@ import mindstage as ms
 
 world = ms.load("bundled:kitchen")
 with tempfile.TemporaryDirectory() as folder:
-    for name, options in (("kitchen.mjcf", {}), ("kitchen.glb", {}), ("kitchen.ttl", {"dialect": "soma"})):
+    for name, dialect in (("kitchen.mjcf", None), ("kitchen.glb", None), ("kitchen.ttl", "soma")):
         out = Path(folder, name)
-        notes = ms.save(world, out, **options)
+        notes = ms.save(world, out, dialect=dialect)
         print(f"{name}: {out.stat().st_size:,} bytes, {len(notes)} notes")

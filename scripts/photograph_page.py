@@ -18,6 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
 from tests.viewer.view_pictures import launch_browser, page_picture  # noqa: E402
+from tests.viewer.waiting import wait_until  # noqa: E402
 
 import mindstage as ms  # noqa: E402
 from mindstage.cli.shot import pull_open  # noqa: E402
@@ -70,6 +71,7 @@ def photograph_kitchen(browser: Any, picture: Path) -> None:
     """Shows the kitchen with an open and selected fridge, and its details."""
     with ms.open("bundled:kitchen") as sim, Viewer(sim, port=0) as viewer:
         pull_open(sim, sim.snapshot(), ["fridge_door"])
+        wait_until(lambda: viewer.views.is_drawn, "the scene is drawn")
         viewer.select(BodyId("fridge"))
         picture.write_bytes(page_picture(browser, viewer, SIZE, panel="details"))
 
@@ -107,6 +109,7 @@ def photograph_replay(browser: Any, episode: Episode, picture: Path) -> None:
     transport = next(each for each in shown.events() if each.kind is EpisodeEventKind.TRANSPORT)
     middle_s = transport.begin_s + 0.45 * ((transport.end_s or shown.end_s) - transport.begin_s)
     with EpisodeReplay(shown, knowledge_of(episode), at_s=middle_s) as replay, Viewer(replay, port=0) as viewer:
+        wait_until(lambda: viewer.views.is_drawn, "the scene is drawn")
         viewer.show_path(MILK)
         viewer.select(MILK)
         picture.write_bytes(page_picture(browser, viewer, SIZE))

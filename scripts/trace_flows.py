@@ -15,6 +15,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import World
+from mindstage.scene.edits import Spawn
 from mindstage.simulation import Simulation
 
 __all__ = ["FlowTracer", "main"]
@@ -61,7 +62,7 @@ def main() -> int:
 
     def spawn_into_engine() -> None:
         engine = MujocoEngine()
-        engine.spawn(world)
+        engine.apply(Spawn(world))
         engine.step(0.01)
         engine.close()
 

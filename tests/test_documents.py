@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 from mindstage.cli.app import app
 from mindstage.maps import bundled_kitchen, bundled_ontology
+from mindstage.scene.edits import Spawn
 from tests.kitchenette import kitchenette
 from tests.knowledge.sparql_server import SparqlServer
 
@@ -113,7 +114,7 @@ def test_the_python_about_remote_engines_runs() -> None:
 
     drives, code = blocks("python", page("how-to/engines.md"))
     with contextlib.closing(MujocoEngine()) as engine:
-        engine.spawn(kitchenette())
+        engine.apply(Spawn(kitchenette()))
         drives = drives.replace("drawer_slide", "DrawerSlide").replace('"drawer"', '"Drawer"').replace("0.3}", "-0.3}")
         exec(compile(drives, "engines.md", "exec"), {"engine": engine})
         assert abs(engine.actuator_states()["pull"].position) == pytest.approx(0.3, abs=0.01)

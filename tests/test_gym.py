@@ -19,6 +19,7 @@ from mindstage.errors import InvalidArgumentError, RobotNotFoundError
 from mindstage.gym import OpenEnv, PickEnv, PlaceEnv, PutAwayEnv, RobotTaskEnv, play_randomly, play_skill
 from mindstage.gym import success_rate as rate_of
 from mindstage.scene import BodyId
+from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import pose_from_array
 from mindstage.simulation.state import poses_in
 from tests.kitchenette import kitchenette
@@ -192,7 +193,7 @@ def test_resets_put_everything_back(open_env: OpenEnv) -> None:
     body = BodyId("Mug")
     before = poses_in(open_env.simulation.state, {body})[body]
     moved = before + np.eye(7)[2]
-    open_env.simulation.run_on_engine(lambda engine: engine.set_pose(body, pose_from_array(moved)))
+    open_env.simulation.run_on_engine(lambda engine: engine.apply(SetPoses({body: pose_from_array(moved)})))
     open_env.simulation.joint("FridgeHinge").open()
     open_env.step(open_env.action_space.sample())
     open_env.reset(seed=0)
@@ -290,6 +291,9 @@ def test_putting_away_begins_in_the_open_and_ends_in_a_closed_place() -> None:
     env.reset(seed=1)
     again = poses_in(env.simulation.state, {BodyId("milk_carton_1")})
     assert np.allclose(fresh[BodyId("milk_carton_1")], again[BodyId("milk_carton_1")], atol=1e-6)
+    env.simulation.place("milk_carton_1", on="fridge")
+    assert not env.progress().done
+    assert "milk_carton_1 is not in fridge" in env.progress().why
     env.simulation.place("milk_carton_1", into="fridge")
     assert env.progress().done
     env.robot.set_base_pose(0.8, 0.5, 0.0)  # out of the way of the door

@@ -142,7 +142,7 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""
-RECORDS_ONLY = re.compile(r"(\w*Engine\.set_pose|\w*Engine\.restore_pose|UndoStack\.\w+) ")
+RECORDS_ONLY = re.compile(r"(is_moved|UndoStack\.\w+|Attach) ")
 """Functions that take the records of edits."""
 
 

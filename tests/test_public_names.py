@@ -86,7 +86,7 @@ def test_a_package_shows_what_is_meant_for_users_and_nothing_else(name: str) -> 
     package = import_module(f"mindstage.{name}")
     modules = {each for each in dir(package) if f"mindstage.{name}.{each}" in sys.modules} - set(package.__all__)
     assert set(dir(package)) == {*package.__all__, *modules}
-    assert modules <= {"models", "mujoco", "queries", "remote", "skills"}
+    assert modules <= {"gym", "models", "mujoco", "queries", "remote", "skills"}
     assert all(hasattr(package, each) for each in dir(package))
     assert not [each for each in dir(package) if each.startswith("_")]
 

@@ -11,6 +11,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import World, diff
+from mindstage.scene.edits import Spawn
 from tests.worlds import worlds
 
 
@@ -22,7 +23,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def round_trip(world: World, folder: Path, *ontologies: Path) -> World:
     engine = MujocoEngine()
-    report = engine.spawn(world)
+    report = engine.apply(Spawn(world)).report
     assert report.ok, report
     path = folder / "logged.owl"
     save_map(engine.snapshot(), path)

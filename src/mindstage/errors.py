@@ -203,12 +203,12 @@ class NoFreePlacementError(WorldError):
     reason: str
 
 
-class RestoreError(WorldError):
-    """A deleted body cannot be restored."""
+class SpawnRefusedError(WorldError):
+    """A body, joint or attachment of a world cannot be spawned, and nothing of that world was."""
 
-    code = "ReturnRefused"
-    template = "{body!r} cannot be restored: {reason}"
-    body: str
+    code = "SpawnRefused"
+    template = "{id!r} cannot be spawned: {reason}"
+    id: str
     _: KW_ONLY
     reason: str
 

@@ -29,12 +29,14 @@ from mindstage.engines.base import SavedState
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
+from mindstage.robots.edits import add_robot
 from mindstage.robots.models.model import BaseType, RobotJoint, RobotJointType
-from mindstage.robots.robot import Robot, add_robot
-from mindstage.robots.skills.declaration import SkillResult
-from mindstage.robots.skills.performance import start_skill
+from mindstage.robots.robot import Robot
+from mindstage.robots.skill_declaration import SkillResult
+from mindstage.robots.skill_performance import start_skill
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene import Body, BodyId, Iri, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.scene.floor_plan import free_floor_place
 from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.simulation import Simulation
@@ -311,7 +313,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         if thing not in self._stands:
             goal = self.goal(thing)
             (pose,) = self._poses((goal,))
-            self._empty.run_on_engine(lambda engine: engine.set_pose(goal, pose_from_array(pose)), edits=True)
+            self._empty.apply(SetPoses({goal: pose_from_array(pose)}))
             self._stands[thing] = _free_stand(self._empty, goal, self.front(thing))
         return self._stands[thing]
 

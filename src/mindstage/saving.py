@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from mindstage.errors import InvalidArgumentError, MapWriteError, SourceParseError
 from mindstage.maps.io.formats import MapFormat, WorldFormat, WrittenWorld
 from mindstage.registry import Group, load_all
+from mindstage.scene.edits import Spawn
 
 if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
@@ -289,7 +290,7 @@ def _save_godot_scene(written: WrittenWorld) -> tuple[str, ...]:
 
     engine = GodotEngine(written.godot)
     try:
-        report = engine.spawn(written.world, geometry=written.geometry)
+        report = engine.apply(Spawn(written.world, geometry=written.geometry)).report
         with TemporaryDirectory(prefix="mindstage-") as folder:
             scene = Path(folder, "scene.tscn")
             engine.save_scene(scene)

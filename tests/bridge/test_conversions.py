@@ -40,8 +40,8 @@ from mindstage.errors import (
     NothingToUndoError,
     PoseUnreachableError,
     ResourceRefusedError,
-    RestoreError,
     SimulationDivergedError,
+    SpawnRefusedError,
     UnreachableError,
     UnsupportedByEngineError,
     WorldError,
@@ -198,7 +198,7 @@ def test_a_world_error_survives_a_round_trip(error: WorldError) -> None:
 SIMULATION_ERRORS = [
     NoFreePlacementError("cup", "on table", reason="it is full"),
     ResourceRefusedError("file:///a.stl"),
-    RestoreError("cup", reason="its id is taken"),
+    SpawnRefusedError("cup", reason="its id is taken"),
     NothingToUndoError(),
     HistoryChangedError(),
     UnreachableError("robot", target="the handle", reason="it is 0.3 m beyond its reach"),

@@ -12,6 +12,7 @@ from mindstage.episodes import Recorder
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import write_map
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 from tests.cli.runner import Run, json_output
 from tests.kitchenette import MAP, kitchenette
@@ -31,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with Recorder(simulation, runs / "run.mcap"):
             simulation.step(0.5)
             pose = Pose((2.0, 1.0, 1.85))
-            simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), pose), edits=True)
+            simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True)
             simulation.step(0.5)
     return folder
 

@@ -17,7 +17,6 @@ from mindstage.episodes import Recorder
 from mindstage.rendering.path_tracing import PathTracingSettings
 from mindstage.scene import Pose
 from mindstage.simulation import Marker, MarkerType
-from mindstage.simulation.pictures import ScenePhotographer, flight, turntable
 
 DATA_MAPS = ("iai-kitchen-original.owl", "soma-iai-room.owl", "knowrob1-ccrl.owl")
 QUICK = ("--samples", 1, "--size", "64x40", "--engine", "null", "--json")
@@ -135,17 +134,3 @@ def test_a_running_simulation_is_rendered_from_one_snapshot() -> None:
     pixels = picture.pixels.astype(int)
     assert np.count_nonzero(pixels[..., 2] > pixels[..., 0] + 60) > 3
     assert np.count_nonzero(pixels[..., 0] > pixels[..., 2] + 60) > 10, "the marker is drawn"
-
-
-def test_cameras_of_films_keep_their_distance_and_pass_the_stops() -> None:
-    with ms.open("bundled:kitchen", engine="null") as sim:
-        first = ScenePhotographer.of(sim).first_camera(1.6)
-    around = turntable(first, 8)
-    assert around[0] == first
-    distances = [np.linalg.norm(np.subtract(each.position, each.look_at)) for each in around]
-    assert np.allclose(distances, distances[0])
-    assert around[4].position[:2] != pytest.approx(first.position[:2], abs=0.5)
-    path = flight([around[0], around[2], around[4]], 21)
-    assert np.allclose(path[0].position, around[0].position)
-    assert np.allclose(path[10].position, around[2].position)
-    assert np.allclose(path[-1].position, around[4].position)

@@ -62,15 +62,16 @@ def test_an_empty_world_is_a_finding(run: Run, write_map: WriteMap) -> None:
 def test_a_failed_body_exits_1(run: Run, write_map: WriteMap, monkeypatch: pytest.MonkeyPatch) -> None:
     import msgspec
 
-    from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnFailure, SpawnOptions, SpawnReport
-    from mindstage.scene import NO_GEOMETRY, GeometryMap, World
+    from mindstage.engines import Applied, NullEngine, SpawnFailure
+    from mindstage.scene.edits import Edit
 
     class FailingEngine(NullEngine):
-        def spawn(
-            self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-        ) -> SpawnReport:
-            report = super().spawn(world, geometry=geometry, options=options)
-            return msgspec.structs.replace(report, failed_bodies=(SpawnFailure("Mug1", "no room left"),))
+        def apply(self, edit: Edit) -> Applied:
+            applied = super().apply(edit)
+            failed = (SpawnFailure("Mug1", "no room left"),)
+            return msgspec.structs.replace(
+                applied, report=msgspec.structs.replace(applied.report, failed_bodies=failed)
+            )
 
     monkeypatch.setattr("mindstage.engines.NullEngine", FailingEngine)
     result = run("spawn", write_map(), "--no-viewport", "--engine", "null")

@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from mindstage.engines import Actuator, ActuatorMode, ActuatorState, Capability, Engine, SpawnOptions
+from mindstage.engines import Actuator, ActuatorMode, ActuatorState, Capability, Engine
+from mindstage.engines.edits import SetActuators
 from mindstage.errors import BodyNotFoundError, UnsupportedByEngineError
 from mindstage.scene import AngularLimits, AxisMotion, BodyId, Iri, Joint, JointMimic, LinearLimits, Pose, World
+from mindstage.scene.edits import Attach, Delete, Detach, Spawn
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, world
 
 GRAVITY = 9.81
@@ -123,9 +125,9 @@ class ActuatorContract:
     def test_without_the_capability_every_call_is_refused(self, engine: Engine) -> None:
         if Capability.ACTUATORS in engine.capabilities:
             pytest.skip("the engine has the ACTUATORS capability")
-        engine.spawn(arm_world())
+        engine.apply(Spawn(arm_world()))
         for call in (
-            lambda: engine.set_actuators([servo("a", "shoulder")]),
+            lambda: engine.apply(SetActuators((servo("a", "shoulder"),))),
             lambda: engine.set_commands({"a": 0.0}),
             engine.actuator_states,
         ):
@@ -133,9 +135,9 @@ class ActuatorContract:
                 call()
 
     def test_a_new_servo_holds_the_current_position(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
+        engine.apply(Spawn(arm_world()))
         engine.step(0.02)
-        engine.set_actuators([servo("shoulder", "shoulder")], without_weight=[BodyId("beam")])
+        engine.apply(SetActuators((servo("shoulder", "shoulder"),), (BodyId("beam"),)))
         before = state(engine, "shoulder")
         assert before.command == pytest.approx(before.position, abs=1e-6)
         step(engine, 1.0)
@@ -147,10 +149,8 @@ class ActuatorContract:
     def test_a_servo_reaches_its_command_and_reports_what_joint_positions_report(
         self, engine: Engine, target: float
     ) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators(
-            [servo("arm", "shoulder"), servo("cart", "slide", damping=300.0)], without_weight=[BodyId("beam")]
-        )
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"), servo("cart", "slide", damping=300.0)), (BodyId("beam"),)))
         engine.set_commands({"arm": target, "cart": -target / 2})
         step(engine, 2.0)
         arm, cart = state(engine, "arm"), state(engine, "cart")
@@ -164,8 +164,8 @@ class ActuatorContract:
         np.testing.assert_allclose(beam, (0.3 * math.cos(target), 0.1, 1.5 - 0.3 * math.sin(target)), atol=2e-3)
 
     def test_the_effort_carries_the_weight_and_the_servo_yields_as_a_spring_does(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder", stiffness=200.0, damping=20.0)])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder", stiffness=200.0, damping=20.0),)))
         step(engine, 3.0)
         at = state(engine, "arm")
         moment = 2.0 * GRAVITY * 0.3 * math.cos(at.position)
@@ -173,15 +173,15 @@ class ActuatorContract:
         assert at.position == pytest.approx(moment / 200.0, rel=self.effort_tolerance)
 
     def test_without_weight_a_drive_carries_nothing(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder")], without_weight=[BodyId("beam")])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"),), (BodyId("beam"),)))
         engine.set_commands({"arm": 0.3})
         step(engine, 2.0)
         assert abs(state(engine, "arm").effort) < 0.2
 
     def test_a_drive_that_is_too_weak_falls_at_its_limit(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder", effort_limit=2.0)])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder", effort_limit=2.0),)))
         states = []
         for _ in range(50):
             engine.step(0.02)
@@ -190,8 +190,8 @@ class ActuatorContract:
         assert max(abs(each.effort) for each in states) == pytest.approx(2.0, rel=1e-4)
 
     def test_a_velocity_is_held_against_a_load(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([drive("cart", "slide", damping=5000.0)])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((drive("cart", "slide", damping=5000.0),)))
         engine.set_commands({"cart": 0.25})
         step(engine, 0.5)
         start = state(engine, "cart").position
@@ -205,10 +205,10 @@ class ActuatorContract:
             assert now.effort == pytest.approx(10.0, rel=0.1)
 
     def test_an_effort_accelerates_the_mass_and_the_armature(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
+        engine.apply(Spawn(arm_world()))
         pushed = {"mode": ActuatorMode.EFFORT, "effort_limit": 20.0}
         armature = 2.0 if self.has_armature else 0.0
-        engine.set_actuators([servo("cart", "slide", armature=armature, stiffness=0.0, damping=0.0, **pushed)])
+        engine.apply(SetActuators((servo("cart", "slide", armature=armature, stiffness=0.0, damping=0.0, **pushed),)))
         engine.set_commands({"cart": 50.0})
         step(engine, 0.2)
         now = state(engine, "cart")
@@ -217,9 +217,9 @@ class ActuatorContract:
         assert now.velocity == pytest.approx(20.0 / (4.0 + armature) * 0.2, rel=0.05)
 
     def test_friction_of_a_drive_holds_what_is_below_it(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
+        engine.apply(Spawn(arm_world()))
         effort = {"mode": ActuatorMode.EFFORT, "stiffness": 0.0, "damping": 0.0, "friction": 6.0}
-        engine.set_actuators([servo("cart", "slide", **effort)])
+        engine.apply(SetActuators((servo("cart", "slide", **effort),)))
         engine.set_commands({"cart": 5.0})
         step(engine, 0.5)
         assert abs(state(engine, "cart").position) < 2e-3
@@ -228,13 +228,15 @@ class ActuatorContract:
         assert state(engine, "cart").velocity == pytest.approx((8.0 - 6.0) / 4.0 * 0.5, rel=0.1)
 
     def test_three_drives_of_one_joint_move_a_base_over_the_floor(self, engine: Engine) -> None:
-        engine.spawn(base_world())
-        engine.set_actuators(
-            [
-                servo("x", "drive", axis="x", stiffness=2e4, damping=2e3, effort_limit=500.0),
-                servo("y", "drive", axis="y", stiffness=2e4, damping=2e3, effort_limit=500.0),
-                servo("yaw", "drive", axis="swing1", stiffness=2e3, damping=2e2, effort_limit=200.0),
-            ]
+        engine.apply(Spawn(base_world()))
+        engine.apply(
+            SetActuators(
+                (
+                    servo("x", "drive", axis="x", stiffness=2e4, damping=2e3, effort_limit=500.0),
+                    servo("y", "drive", axis="y", stiffness=2e4, damping=2e3, effort_limit=500.0),
+                    servo("yaw", "drive", axis="swing1", stiffness=2e3, damping=2e2, effort_limit=200.0),
+                )
+            )
         )
         engine.set_commands({"x": 0.5, "y": -0.3, "yaw": 2.0})
         step(engine, 2.0)
@@ -243,27 +245,31 @@ class ActuatorContract:
         np.testing.assert_allclose(position_of(engine, "base"), (1.5, 1.7, 0.3), atol=5e-3)
 
     def test_full_turns_are_counted(self, engine: Engine) -> None:
-        engine.spawn(base_world())
-        engine.set_actuators(
-            [
-                servo("x", "drive", axis="x", stiffness=2e4, damping=2e3),
-                servo("y", "drive", axis="y", stiffness=2e4, damping=2e3),
-                drive("yaw", "drive", axis="swing1", damping=2e2),
-            ]
+        engine.apply(Spawn(base_world()))
+        engine.apply(
+            SetActuators(
+                (
+                    servo("x", "drive", axis="x", stiffness=2e4, damping=2e3),
+                    servo("y", "drive", axis="y", stiffness=2e4, damping=2e3),
+                    drive("yaw", "drive", axis="swing1", damping=2e2),
+                )
+            )
         )
         engine.set_commands({"yaw": 2.0})
         step(engine, 5.0)
         assert state(engine, "yaw").position == pytest.approx(10.0, rel=0.02)
 
     def test_positions_refer_to_the_parent_of_the_map(self, engine: Engine) -> None:
-        engine.spawn(
-            world(
-                body("rail", (0, 0, 0.5), (0.2, 0.2, 0.1)),
-                body("cart", (0, 0, 0.7), (0.2, 0.2, 0.2), "dynamic", 4.0),
-                prismatic_joint("slide", "cart", "rail", (0, 0, 0.7), limit=1.0),
+        engine.apply(
+            Spawn(
+                world(
+                    body("rail", (0, 0, 0.5), (0.2, 0.2, 0.1)),
+                    body("cart", (0, 0, 0.7), (0.2, 0.2, 0.2), "dynamic", 4.0),
+                    prismatic_joint("slide", "cart", "rail", (0, 0, 0.7), limit=1.0),
+                )
             )
         )
-        engine.set_actuators([servo("cart", "slide", damping=300.0)])
+        engine.apply(SetActuators((servo("cart", "slide", damping=300.0),)))
         engine.set_commands({"cart": 0.4})
         step(engine, 1.5)
         assert state(engine, "cart").position == pytest.approx(0.4, abs=self.servo_tolerance)
@@ -271,24 +277,24 @@ class ActuatorContract:
         assert position_of(engine, "cart")[0] == pytest.approx(-0.4, abs=self.servo_tolerance)
 
     def test_an_edit_keeps_commands_and_positions(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder")], without_weight=[BodyId("beam")])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"),), (BodyId("beam"),)))
         engine.set_commands({"arm": 0.5})
         step(engine, 2.0)
         before = state(engine, "arm")
-        engine.spawn(world(body("crate", (5, 5, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        engine.apply(Spawn(world(body("crate", (5, 5, 1), (0.2, 0.2, 0.2), "dynamic", 1.0))))
         step(engine, 0.5)
-        engine.attach(BodyId("beam"), BodyId("crate"))
-        engine.detach(BodyId("crate"))
+        engine.apply(Attach(BodyId("beam"), BodyId("crate")))
+        engine.apply(Detach(BodyId("crate")))
         step(engine, 0.5)
         after = state(engine, "arm")
         assert after.command == 0.5
         assert after.position == pytest.approx(before.position, abs=self.servo_tolerance)
 
     def test_a_command_before_the_next_step_of_an_edited_world_counts(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder")], without_weight=[BodyId("beam")])
-        engine.spawn(world(body("crate", (5, 5, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"),), (BodyId("beam"),)))
+        engine.apply(Spawn(world(body("crate", (5, 5, 1), (0.2, 0.2, 0.2), "dynamic", 1.0))))
         engine.set_commands({"arm": -0.4})
         step(engine, 2.0)
         assert state(engine, "arm").position == pytest.approx(-0.4, abs=self.servo_tolerance)
@@ -296,9 +302,9 @@ class ActuatorContract:
     def test_a_restored_state_has_the_actuators_and_commands_of_then(self, engine: Engine) -> None:
         if Capability.SAVE not in engine.capabilities:
             pytest.skip("the engine has no SAVE capability")
-        engine.spawn(arm_world())
+        engine.apply(Spawn(arm_world()))
         without = engine.save_state()
-        engine.set_actuators([servo("arm", "shoulder")], without_weight=[BodyId("beam")])
+        engine.apply(SetActuators((servo("arm", "shoulder"),), (BodyId("beam"),)))
         engine.set_commands({"arm": 0.5})
         step(engine, 0.1)
         saved, before = engine.save_state(), engine.actuator_states()
@@ -317,8 +323,8 @@ class ActuatorContract:
     def test_a_fork_has_drives_of_its_own(self, engine: Engine) -> None:
         if Capability.FORK not in engine.capabilities:
             pytest.skip("the engine has no FORK capability")
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder")], without_weight=[BodyId("beam")])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"),), (BodyId("beam"),)))
         engine.set_commands({"arm": 0.5})
         step(engine, 0.1)
         forked = engine.fork()
@@ -329,11 +335,11 @@ class ActuatorContract:
         assert state(forked, "arm").position == pytest.approx(-0.5, abs=self.servo_tolerance)
 
     def test_replacing_a_servo_by_a_velocity_keeps_the_motion(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("cart", "slide", damping=300.0)])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("cart", "slide", damping=300.0),)))
         engine.set_commands({"cart": 0.3})
         step(engine, 1.5)
-        engine.set_actuators([drive("cart", "slide")])
+        engine.apply(SetActuators((drive("cart", "slide"),)))
         assert state(engine, "cart").command == 0.0
         step(engine, 0.5)
         assert state(engine, "cart").position == pytest.approx(0.3, abs=2 * self.servo_tolerance)
@@ -342,10 +348,10 @@ class ActuatorContract:
         assert state(engine, "cart").velocity == pytest.approx(-0.2, rel=self.speed_tolerance)
 
     def test_actuators_are_removed_with_their_joints(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder"), servo("cart", "slide")])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"), servo("cart", "slide"))))
         engine.step(0.1)
-        engine.delete([BodyId("beam")])
+        engine.apply(Delete((BodyId("beam"),)))
         engine.step(0.1)
         assert set(engine.actuator_states()) == {"cart"}
         with pytest.raises(KeyError, match="arm"):
@@ -354,8 +360,8 @@ class ActuatorContract:
         assert engine.actuator_states() == {}
 
     def test_invalid_actuators_and_commands_are_refused_and_change_nothing(self, engine: Engine) -> None:
-        engine.spawn(arm_world())
-        engine.set_actuators([servo("arm", "shoulder")])
+        engine.apply(Spawn(arm_world()))
+        engine.apply(SetActuators((servo("arm", "shoulder"),)))
         engine.step(0.02)
         before = engine.actuator_states()
         good = servo("cart", "slide")
@@ -366,9 +372,9 @@ class ActuatorContract:
             (servo("b", "shoulder"), ValueError, "'arm' drives already"),
         ):
             with pytest.raises(error, match=words):
-                engine.set_actuators([good, bad])
+                engine.apply(SetActuators((good, bad)))
         with pytest.raises(BodyNotFoundError, match="beam"):
-            engine.set_actuators([good], without_weight=[BodyId("beem")])
+            engine.apply(SetActuators((good,), (BodyId("beem"),)))
         with pytest.raises(ValueError, match="finite"):
             engine.set_commands({"arm": math.inf})
         with pytest.raises(KeyError, match="hand"):
@@ -377,10 +383,12 @@ class ActuatorContract:
 
     def test_an_arm_wakes_a_body_that_sleeps(self, engine: Engine) -> None:
         crate = body("crate", (0.62, -2, 0.701), (0.2, 0.2, 0.2), "dynamic", 1.0)
-        engine.spawn(
-            world(*arm_world().bodies, *arm_world().joints, body("plate", (0.9, -2, 0.49), (1.0, 0.6, 0.2)), crate)
+        engine.apply(
+            Spawn(
+                world(*arm_world().bodies, *arm_world().joints, body("plate", (0.9, -2, 0.49), (1.0, 0.6, 0.2)), crate)
+            )
         )
-        engine.set_actuators([servo("cart", "slide", damping=300.0)])
+        engine.apply(SetActuators((servo("cart", "slide", damping=300.0),)))
         step(engine, 4.0)
         start = position_of(engine, "crate")
         engine.set_commands({"cart": 0.7})
@@ -394,12 +402,12 @@ class ActuatorContract:
         pair = (BodyId("crate"), BodyId("cart"))
         for excluded, reached in ((frozenset[tuple[BodyId, BodyId]](), 0.25), (frozenset({pair}), 0.6)):
             engine.clear()
-            engine.spawn(world(*parts, crate), options=SpawnOptions(excluded_pairs=excluded))
-            engine.set_actuators([servo("cart", "slide", damping=300.0)])
+            engine.apply(Spawn(world(*parts, crate), excluded_pairs=excluded))
+            engine.apply(SetActuators((servo("cart", "slide", damping=300.0),)))
             engine.set_commands({"cart": 0.6})
             step(engine, 2.0)
             assert position_of(engine, "cart")[0] == pytest.approx(reached, abs=0.01)
-            engine.attach(BodyId("rail"), BodyId("beam"))  # another edit
+            engine.apply(Attach(BodyId("rail"), BodyId("beam")))  # another edit
             engine.set_commands({"cart": 0.0})
             step(engine, 2.0)
             engine.set_commands({"cart": 0.6})
@@ -407,13 +415,15 @@ class ActuatorContract:
             assert position_of(engine, "cart")[0] == pytest.approx(reached, abs=0.01)
 
     def test_a_gripper_lifts_a_carton_by_friction_and_lets_it_fall(self, engine: Engine) -> None:
-        engine.spawn(gripper_world())
-        engine.set_actuators(
-            [
-                servo("lift", "lift", stiffness=2e4, damping=1e3),
-                servo("grip", "left_slide", stiffness=2e3, damping=50.0, effort_limit=40.0),
-            ],
-            without_weight=[BodyId(id) for id in ("hand", "left", "right")],
+        engine.apply(Spawn(gripper_world()))
+        engine.apply(
+            SetActuators(
+                (
+                    servo("lift", "lift", stiffness=2e4, damping=1e3),
+                    servo("grip", "left_slide", stiffness=2e3, damping=50.0, effort_limit=40.0),
+                ),
+                tuple([BodyId(id) for id in ("hand", "left", "right")]),
+            )
         )
         step(engine, 0.5)
         engine.set_commands({"grip": -0.04})

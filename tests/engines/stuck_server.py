@@ -8,20 +8,19 @@ from __future__ import annotations
 import sys
 import threading
 
-from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnOptions, SpawnReport
-from mindstage.scene import NO_GEOMETRY, GeometryMap, World
+from mindstage.engines import NullEngine
+from mindstage.engines.base import Applied
+from mindstage.scene.edits import Edit
 from tests.engines.served_simulation import ServedSimulation
 
 
 class StuckEngine(NullEngine):
     """An engine whose `spawn` never returns."""
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    def apply(self, edit: Edit) -> Applied:
         print("spawning", flush=True)
         threading.Event().wait()
-        return super().spawn(world, geometry=geometry, options=options)
+        return super().apply(edit)
 
 
 def main() -> None:

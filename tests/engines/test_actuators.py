@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from mindstage.engines import ActuatorMode, ActuatorState, SpawnNoteKind, SpawnOptions
+from mindstage.engines import ActuatorMode, ActuatorState, SpawnNoteKind
+from mindstage.engines.edits import SetActuators
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.scene import BodyGeometry, BodyId, CollisionShapeType, Mobility, PrimitiveShape, PrimitiveType, World
+from mindstage.scene.edits import Delete, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import quat_angle
 from tests.engines.actuator_contract import arm_world, gripper_world, position_of, servo, state, step
@@ -58,12 +60,14 @@ def _box_moments(mass: float, x: float, y: float, z: float) -> str:
 
 def test_the_motion_is_that_of_the_same_drives_in_mjcf() -> None:
     engine = MujocoEngine()
-    engine.spawn(_two_links())
-    engine.set_actuators(
-        [
-            servo("arm", "shoulder", stiffness=300.0, damping=30.0, effort_limit=40.0, armature=0.05),
-            servo("rod", "slide", mode=ActuatorMode.VELOCITY, stiffness=0.0, damping=50.0, effort_limit=20.0),
-        ]
+    engine.apply(Spawn(_two_links()))
+    engine.apply(
+        SetActuators(
+            (
+                servo("arm", "shoulder", stiffness=300.0, damping=30.0, effort_limit=40.0, armature=0.05),
+                servo("rod", "slide", mode=ActuatorMode.VELOCITY, stiffness=0.0, damping=50.0, effort_limit=20.0),
+            )
+        )
     )
     text = _TWO_LINKS.format(first=_box_moments(2.0, 0.4, 0.06, 0.06), second=_box_moments(1.0, 0.3, 0.04, 0.04))
     model = mujoco.MjModel.from_xml_string(text)
@@ -82,13 +86,13 @@ def test_the_motion_is_that_of_the_same_drives_in_mjcf() -> None:
 
 def test_a_servo_too_stiff_for_the_time_step_is_limited_and_reported_once() -> None:
     engine = MujocoEngine()
-    engine.spawn(_two_links())
-    engine.set_actuators([servo("arm", "shoulder", stiffness=1e9, damping=0.0, effort_limit=1e4)])
+    engine.apply(Spawn(_two_links()))
+    engine.apply(SetActuators((servo("arm", "shoulder", stiffness=1e9, damping=0.0, effort_limit=1e4),)))
     engine.set_commands({"arm": 0.2})
     for _ in range(100):
         engine.step(0.002)
         assert abs(state(engine, "arm").position) < 0.5
-    engine.spawn(world(body("other", (5, 5, 1), (0.1, 0.1, 0.1))))
+    engine.apply(Spawn(world(body("other", (5, 5, 1), (0.1, 0.1, 0.1)))))
     engine.step(0.1)
     (note,) = (note for note in engine.notes if note.kind is SpawnNoteKind.CLAMPED)
     assert note.ids == ("shoulder",)
@@ -99,8 +103,8 @@ def test_a_servo_too_stiff_for_the_time_step_is_limited_and_reported_once() -> N
 def test_a_stiff_servo_with_damping_is_exact() -> None:
     """As stiff as the drives of an industrial arm: nothing is limited, and it does not tremble."""
     engine = MujocoEngine()
-    engine.spawn(_two_links())
-    engine.set_actuators([servo("arm", "shoulder", stiffness=5e4, damping=800.0, effort_limit=300.0)])
+    engine.apply(Spawn(_two_links()))
+    engine.apply(SetActuators((servo("arm", "shoulder", stiffness=5e4, damping=800.0, effort_limit=300.0),)))
     engine.set_commands({"arm": 0.5})
     engine.step(2.0)
     assert state(engine, "arm").position == pytest.approx(0.5, abs=1e-9)
@@ -110,8 +114,8 @@ def test_a_stiff_servo_with_damping_is_exact() -> None:
 
 def test_a_pickled_state_has_its_actuators_and_commands() -> None:
     engine = MujocoEngine()
-    engine.spawn(arm_world())
-    engine.set_actuators([servo("arm", "shoulder")], without_weight=[BodyId("beam")])
+    engine.apply(Spawn(arm_world()))
+    engine.apply(SetActuators((servo("arm", "shoulder"),), (BodyId("beam"),)))
     engine.set_commands({"arm": 0.5})
     engine.step(0.1)
     other = MujocoEngine()
@@ -124,10 +128,10 @@ def test_a_pickled_state_has_its_actuators_and_commands() -> None:
 
 def test_a_world_without_actuators_is_simulated_as_before() -> None:
     engine = MujocoEngine()
-    engine.spawn(arm_world())
+    engine.apply(Spawn(arm_world()))
     assert engine.compiled().model.opt.impratio == 10.0
     assert engine.compiled().model.nu == 0
-    engine.set_actuators([servo("arm", "shoulder")])
+    engine.apply(SetActuators((servo("arm", "shoulder"),)))
     assert engine.compiled().model.opt.impratio == 100.0
     friction = engine.compiled().model.dof_frictionloss
     arm, cart = (engine.compiled().joints[BodyId(id)].dof_address for id in ("shoulder", "slide"))
@@ -146,13 +150,15 @@ def test_fingers_hold_a_ball_without_letting_it_spin() -> None:
         for each in round_world.bodies
     )  # fmt: skip
     engine = MujocoEngine()
-    engine.spawn(msgspec.structs.replace(round_world, bodies=bodies))
-    engine.set_actuators(
-        [
-            servo("lift", "lift", stiffness=2e4, damping=1e3),
-            servo("grip", "left_slide", damping=50.0, effort_limit=40.0),
-        ],
-        without_weight=[BodyId(id) for id in ("hand", "left", "right")],
+    engine.apply(Spawn(msgspec.structs.replace(round_world, bodies=bodies)))
+    engine.apply(
+        SetActuators(
+            (
+                servo("lift", "lift", stiffness=2e4, damping=1e3),
+                servo("grip", "left_slide", damping=50.0, effort_limit=40.0),
+            ),
+            tuple([BodyId(id) for id in ("hand", "left", "right")]),
+        )
     )
     engine.set_commands({"grip": -0.04})
     step(engine, 1.0)
@@ -180,7 +186,7 @@ def _spawned(inertia: Inertia, *, mass: float | None = None) -> tuple[MujocoEngi
         key="k", visuals=(), collision_shapes=(box_shape((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)),), inertia=inertia
     )
     part = body("part", (0, 0, 1), (0.2, 0.2, 0.2), "dynamic", mass)
-    report = engine.spawn(world(part), geometry={BodyId("part"): shape})
+    report = engine.apply(Spawn(world(part), geometry={BodyId("part"): shape})).report
     return engine, [f"{note.kind.value}: {note.text}" for note in report.notes]
 
 
@@ -240,7 +246,7 @@ def test_excluded_pairs_that_overlap_are_not_reported_as_overlaps() -> None:
     reports = []
     for pairs in (frozenset[tuple[BodyId, BodyId]](), frozenset({pair})):
         engine = MujocoEngine()
-        reports.append(engine.spawn(described, options=SpawnOptions(settle=False, excluded_pairs=pairs)))
+        reports.append(engine.apply(Spawn(described, settle=False, excluded_pairs=pairs)).report)
         engine.step(0.1)
         assert not any({each.a, each.b} == set(pair) for each in engine.contacts())
     assert reports[0].ids_with_note(SpawnNoteKind.OVERLAP) == {"a", "c"}
@@ -251,28 +257,28 @@ def test_excluded_pairs_end_with_their_bodies() -> None:
     engine = MujocoEngine()
     pair = frozenset({(BodyId("box"), BodyId("floor"))})
     floor, box = body("floor", (0, 0, -0.05), (2, 2, 0.1)), body("box", (0, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)
-    engine.spawn(world(floor, box), options=SpawnOptions(excluded_pairs=pair))
+    engine.apply(Spawn(world(floor, box), excluded_pairs=pair))
     forked = engine.fork()
-    forked.spawn(world(body("other", (5, 0, 1), (0.2, 0.2, 0.2))))
+    forked.apply(Spawn(world(body("other", (5, 0, 1), (0.2, 0.2, 0.2)))))
     for each in (engine, forked):
         each.step(0.3)
         assert position_of(each, "box")[2] < 0.0
-    engine.delete([BodyId("box")])
-    engine.spawn(world(box))
+    engine.apply(Delete((BodyId("box"),)))
+    engine.apply(Spawn(world(box)))
     engine.step(0.3)
     assert position_of(engine, "box")[2] == pytest.approx(0.1, abs=2e-3)
 
 
 def test_an_actuator_of_a_joint_that_is_not_simulated_rests_and_keeps_its_command() -> None:
     engine = MujocoEngine()
-    engine.spawn(arm_world())
-    engine.set_actuators([servo("cart", "slide", damping=300.0)])
+    engine.apply(Spawn(arm_world()))
+    engine.apply(SetActuators((servo("cart", "slide", damping=300.0),)))
     engine.set_commands({"cart": 0.1})
     cart, physics = BodyId("cart"), arm_world().body("cart").physics
-    engine.set_physics(cart, msgspec.structs.replace(physics, mobility=Mobility.STATIC))
+    engine.apply(SetPhysics(cart, msgspec.structs.replace(physics, mobility=Mobility.STATIC)))
     engine.step(0.1)
     assert state(engine, "cart") == ActuatorState(position=0.0, velocity=0.0, effort=0.0, command=0.1)
-    engine.set_physics(cart, physics)
+    engine.apply(SetPhysics(cart, physics))
     step(engine, 2.0)
     assert state(engine, "cart").position == pytest.approx(0.1, abs=1e-4)
 
@@ -286,8 +292,8 @@ def test_a_strong_drive_presses_the_tip_of_a_light_finger_hardly_into_a_wall() -
         body("wall", (0.07, 0, 0.5), (0.1, 0.2, 0.2)),
         prismatic_joint("slide", "base", "finger", (0, 0, 0.5)),
     )
-    engine.spawn(parts, geometry=tip)
-    engine.set_actuators([servo("press", "slide", stiffness=6000.0, effort_limit=60.0, armature=0.03)])
+    engine.apply(Spawn(parts, geometry=tip))
+    engine.apply(SetActuators((servo("press", "slide", stiffness=6000.0, effort_limit=60.0, armature=0.03),)))
     engine.set_commands({"press": 0.1})
     step(engine, 0.4)
     (contact,) = engine.contacts()

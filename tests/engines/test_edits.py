@@ -13,6 +13,7 @@ from mindstage.engines import Engine, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import SimulationDivergedError, WorldError
 from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose, World, diff
+from mindstage.scene.edits import Attach, Delete, Detach, SetPhysics, SetPoses, Spawn
 from tests.engines.scenes import FLOOR, body, room, world
 from tests.worlds import poses, worlds
 
@@ -41,17 +42,17 @@ def apply(engine: Engine, described: World, edit: tuple[object, ...]) -> str:
         return ""
     try:
         if operation == "delete":
-            engine.delete([BodyId(str(chosen[0]))])
+            engine.apply(Delete((BodyId(str(chosen[0])),)))
         elif operation == "attach":
-            engine.attach(BodyId(str(chosen[0])), BodyId(str(chosen[1])))
+            engine.apply(Attach(BodyId(str(chosen[0])), BodyId(str(chosen[1]))))
         elif operation == "detach":
-            engine.detach(BodyId(str(chosen[0])))
+            engine.apply(Detach(BodyId(str(chosen[0]))))
         elif operation == "set_pose" and isinstance(chosen[1], Pose):
-            engine.set_pose(BodyId(str(chosen[0])), chosen[1])
+            engine.apply(SetPoses({BodyId(str(chosen[0])): chosen[1]}))
         elif operation == "set_mobility" and isinstance(chosen[1], Mobility):
-            engine.set_physics(BodyId(str(chosen[0])), BodyPhysics(mobility=chosen[1], mass_kg=2.0))
+            engine.apply(SetPhysics(BodyId(str(chosen[0])), BodyPhysics(mobility=chosen[1], mass_kg=2.0)))
         elif operation == "spawn" and described.bodies:
-            engine.spawn(msgspec.structs.replace(described, resources=(), facts=()))
+            engine.apply(Spawn(msgspec.structs.replace(described, resources=(), facts=())))
         elif operation == "save and restore":
             engine.restore_state(engine.save_state())
     except WorldError as error:
@@ -65,8 +66,8 @@ def test_edits_leave_the_same_description_in_mujoco_and_in_the_null_engine(
 ) -> None:
     loose = msgspec.structs.replace(described, joints=(), lights=())
     simulated, null = MujocoEngine(), NullEngine()
-    simulated.spawn(loose)
-    null.spawn(loose)
+    simulated.apply(Spawn(loose))
+    null.apply(Spawn(loose))
     for edit in todo:
         assert apply(simulated, loose, edit) == apply(null, loose, edit)
         if edit[0] == "look":
@@ -78,7 +79,7 @@ def test_edits_leave_the_same_description_in_mujoco_and_in_the_null_engine(
 @given(todo=edits, pauses=st.integers(0, 3))
 def test_a_running_room_survives_any_edits(todo: list[tuple[object, ...]], pauses: int) -> None:
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     engine.step(0.05)
     for number, edit in enumerate(todo):
         apply(engine, room(), edit)
@@ -97,10 +98,10 @@ def test_what_is_on_a_shelf_stays_there_when_something_is_put_below_it() -> None
     milk = body("milk", (0, 0, 1.2), (0.08, 0.08, 0.24), "dynamic", 1.0)
     jam = body("jam", (0.1, 0.1, 0.4), (0.06, 0.06, 0.1), "dynamic", 0.4)
     engine = MujocoEngine()
-    engine.spawn(world(FLOOR, fridge, milk))
+    engine.apply(Spawn(world(FLOOR, fridge, milk)))
     engine.step(0.5)
-    engine.spawn(world(jam))
-    engine.set_pose(milk.id, Pose((0, 0, 1.21)))  # which wakes it up
+    engine.apply(Spawn(world(jam)))
+    engine.apply(SetPoses({milk.id: Pose((0, 0, 1.21))}))  # which wakes it up
     engine.step(2.0)
     poses = dict(zip(*engine.poses(), strict=True))
     for thing in (milk, jam):

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mindstage.engines.mujoco import MujocoEngine, world_to_mjcf
 from mindstage.errors import SimulationDivergedError
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import quat_rotate
 from tests.engines.contract import apply_force_for, current_pose
 from tests.engines.geometries import as_vector, bin_geometry, cabinet_geometry, geometry
@@ -51,7 +52,7 @@ def geometries(draw: st.DrawFn) -> BodyGeometry:
 def test_any_world_with_any_geometry_is_returned_unchanged_and_runs(described: World, made: list[BodyGeometry]) -> None:
     used_geometry = {body.id: body_geometry for body, body_geometry in zip(described.bodies, made, strict=False)}
     engine = MujocoEngine()
-    assert engine.spawn(described, geometry=used_geometry).ok
+    assert engine.apply(Spawn(described, geometry=used_geometry)).report.ok
     assert diff(described, engine.snapshot()).identical(0.0)
     with contextlib.suppress(SimulationDivergedError):  # a body moved a kilometer into another may well diverge
         engine.step(0.02)
@@ -63,7 +64,7 @@ def test_a_crowd_of_geometries_in_one_place_does_not_explode() -> None:
     crate = bin_geometry((0.3, 0.3, 0.2))
     bodies = [body(f"b{i}", (0, 0, 1), (0.3, 0.3, 0.2), "dynamic", 1.0, gravity=False) for i in range(270)]
     engine = MujocoEngine()
-    assert engine.spawn(world(*bodies), geometry={BodyId(f"b{i}"): crate for i in range(270)}).ok
+    assert engine.apply(Spawn(world(*bodies), geometry={BodyId(f"b{i}"): crate for i in range(270)})).report.ok
     engine.step(0.02)
     assert np.abs(engine.poses()[1][:, :3] - (0, 0, 1)).max() < 1e-6
 
@@ -99,19 +100,21 @@ def test_drawers_open_in_an_inaccurate_map(
     ]
     center = case[2] / 2 + 0.05
     engine = MujocoEngine()
-    engine.spawn(
-        world(
-            FLOOR,
-            body("case", at(0, 0, center), case, quaternion=quaternion),
-            body("cupboard", at(0.01, wide / 2 + 0.2 + beside, center), cupboard, quaternion=quaternion),
-            *drawers,
-            *slides,
-        ),
-        geometry={
-            BodyId("case"): cabinet_geometry(case),
-            BodyId("cupboard"): cabinet_geometry(cupboard),
-            **{BodyId(f"drawer{i}"): bin_geometry(size) for i in range(3)},
-        },
+    engine.apply(
+        Spawn(
+            world(
+                FLOOR,
+                body("case", at(0, 0, center), case, quaternion=quaternion),
+                body("cupboard", at(0.01, wide / 2 + 0.2 + beside, center), cupboard, quaternion=quaternion),
+                *drawers,
+                *slides,
+            ),
+            geometry={
+                BodyId("case"): cabinet_geometry(case),
+                BodyId("cupboard"): cabinet_geometry(cupboard),
+                **{BodyId(f"drawer{i}"): bin_geometry(size) for i in range(3)},
+            },
+        )
     )
     engine.step(0.5)
     for i in range(3):

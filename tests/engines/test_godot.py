@@ -20,6 +20,7 @@ from mindstage.engines.remote.godot_process import GodotProcess, find_godot, pre
 from mindstage.errors import EngineUnavailableError, WorldError
 from mindstage.geometry import build_geometry, template_by_name
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff
+from mindstage.scene.edits import SetPoses, Spawn
 from tests.engines.contract import current_pose
 from tests.engines.geometries import bin_geometry
 from tests.engines.scenes import FLOOR, body, room, world
@@ -53,7 +54,7 @@ def engine(running: GodotEngine) -> Iterator[GodotEngine]:
 
 def test_an_asymmetric_pose_survives_the_axis_conversion(engine: GodotEngine) -> None:
     box = body("box", (1, 2, 3), (0.1, 0.2, 0.3), "dynamic", 1.0, quaternion=TURNED, gravity=False)
-    engine.spawn(world(FLOOR, box))
+    engine.apply(Spawn(world(FLOOR, box)))
     engine.apply_force(BodyId("box"), (0.0, 0.0, 1e-9))  # so that the pose is computed by Godot
     engine.step(0.1)
     _, poses = engine.poses()
@@ -61,7 +62,7 @@ def test_an_asymmetric_pose_survives_the_axis_conversion(engine: GodotEngine) ->
 
 
 def test_visual_meshes_are_loaded_from_the_cache(engine: GodotEngine, tmp_path: Path) -> None:
-    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: FORM})
+    report = engine.apply(Spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: FORM})).report
     assert report.ok
     assert not [note for note in report.notes if "mesh" in note.text]
     assert (geometry_cache_dir() / f"{FORM.key}.glb").is_file()
@@ -77,9 +78,9 @@ def test_textures_are_shared_files_that_materials_name(engine: GodotEngine, tmp_
         for size in ((0.1, 0.2, 0.03), (0.2, 0.4, 0.03))
     ]
     bodies = [body(name, (0, place, 1), (0.1, 0.2, 0.03)) for place, name in enumerate(("one", "other"))]
-    report = engine.spawn(
-        world(FLOOR, *bodies), geometry={each.id: board for each, board in zip(bodies, boards, strict=True)}
-    )
+    report = engine.apply(
+        Spawn(world(FLOOR, *bodies), geometry={each.id: board for each, board in zip(bodies, boards, strict=True)})
+    ).report
     assert report.ok
     engine.save_scene(tmp_path / "boards.tscn")
     scene = (tmp_path / "boards.tscn").read_text(encoding="utf-8")
@@ -94,7 +95,7 @@ def test_textures_are_shared_files_that_materials_name(engine: GodotEngine, tmp_
 def test_a_broken_mesh_is_reported_and_replaced_by_collision_shapes(engine: GodotEngine) -> None:
     broken = replace(FORM, key="00000000deadbeef")
     (geometry_cache_dir() / f"{broken.key}.glb").write_bytes(b"glTF, or so it says")
-    report = engine.spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: broken})
+    report = engine.apply(Spawn(world(FLOOR, body("mug", (0, 0, 1), (0.1, 0.2, 0.3))), geometry={MUG: broken})).report
     assert report.ok
     assert [note.ids for note in report.notes if broken.key in note.text or "mug" in note.ids] == [("mug",)]
 
@@ -125,8 +126,8 @@ def test_a_godot_at_another_bridge_is_controlled_as_a_remote_engine(godot: Path)
             engine = _connect_when_ready(f"ros://127.0.0.1:{server.port}/lab/place?token=secret", process)
             with closing(engine):
                 assert isinstance(engine, CompiledRemoteEngine)
-                assert engine.spawn(room()).ok
-                engine.set_pose(BodyId("drawer"), Pose((0.2, 0, 0.3)))
+                assert engine.apply(Spawn(room())).report.ok
+                engine.apply(SetPoses({BodyId("drawer"): Pose((0.2, 0, 0.3))}))
                 assert diff(room(), engine.snapshot()).lost == ()
             assert process.is_running  # this process belongs to another server
         finally:
@@ -152,7 +153,7 @@ def test_thin_bodies_rest_on_each_other_and_thin_walls_stand_still(engine: Godot
     cups = [body("standing", (1, 0, 0.05), size, "dynamic", 0.3), body("falling", (0, 0, 3.0), size, "dynamic", 0.3)]
     tray = body("tray", (0.4, 0.4, 4.0), thin, "dynamic", 0.3)
     cup = bin_geometry(size, wall=0.003)
-    assert engine.spawn(world(FLOOR, shelf, *cups, tray), geometry={each.id: cup for each in cups}).ok
+    assert engine.apply(Spawn(world(FLOOR, shelf, *cups, tray), geometry={each.id: cup for each in cups})).report.ok
     engine.step(5.0)
     assert current_pose(engine, "standing") == pytest.approx((1, 0, 0.05, 1, 0, 0, 0), abs=1e-4)
     for moved_down in ("falling", "tray"):

@@ -28,6 +28,7 @@ from mindstage.errors import (
     EngineUnavailableError,
 )
 from mindstage.scene import BodyId
+from mindstage.scene.edits import Spawn
 from tests.engines.scenes import FLOOR, body, room, world
 
 Make = Callable[..., Path]
@@ -190,7 +191,7 @@ def test_a_godot_killed_during_a_spawn_is_reported_at_once_and_can_be_restarted(
 
     def spawn() -> None:
         try:
-            engine.spawn(room())
+            engine.apply(Spawn(room()))
         except EngineUnavailableError as error:
             errors.append(error)
 
@@ -208,7 +209,7 @@ def test_a_godot_killed_during_a_spawn_is_reported_at_once_and_can_be_restarted(
     with pytest.raises(EngineClosedError):
         engine.poses()
     with closing(GodotEngine(godot)) as other:
-        assert other.spawn(room()).ok
+        assert other.apply(Spawn(room())).report.ok
 
 
 def test_a_godot_that_hangs_times_out_and_is_terminated(godot: Path) -> None:
@@ -220,12 +221,12 @@ def test_a_godot_that_hangs_times_out_and_is_terminated(godot: Path) -> None:
 
 
 def test_two_engines_run_independently(engine: GodotEngine, godot: Path) -> None:
-    engine.spawn(world(FLOOR))
+    engine.apply(Spawn(world(FLOOR)))
     with closing(GodotEngine(godot)) as other, socket.socket() as listener:
         with suppress(OSError):  # another process has it, which is just as good
             listener.bind(("127.0.0.1", 9090))  # rosbridge's default port, which the engines do not need
         assert other.poses()[0] == ()
-        other.spawn(world(body("box", (0, 0, 1), (0.1, 0.1, 0.1))))
+        other.apply(Spawn(world(body("box", (0, 0, 1), (0.1, 0.1, 0.1)))))
         assert engine.poses()[0] == ("floor",)
         assert other.poses()[0] == ("box",)
     assert is_gone(other.pid)
@@ -263,7 +264,7 @@ def test_no_godot_remains_when_python_exits_without_closing(godot: Path) -> None
 
 
 def test_an_unknown_body_is_refused_without_a_call_to_godot(engine: GodotEngine) -> None:
-    engine.spawn(world(FLOOR))
+    engine.apply(Spawn(world(FLOOR)))
     os.kill(engine.pid, signal.SIGSTOP)
     try:
         with pytest.raises(BodyNotFoundError):

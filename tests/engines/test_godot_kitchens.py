@@ -18,6 +18,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.maps.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
+from mindstage.scene.edits import Spawn
 from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
@@ -48,7 +49,7 @@ class Kitchen(NamedTuple):
 
     def spawn(self, engine: Engine) -> SpawnReport:
         """Spawns it like a simulation."""
-        return engine.spawn(self.world, geometry=self.geometry)
+        return engine.apply(Spawn(self.world, geometry=self.geometry)).report
 
 
 def read(path: Path) -> Kitchen:

@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.engines import NullEngine, SpawnNoteKind, SpawnOptions
+from mindstage.engines import NullEngine, SpawnNoteKind
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShape, Joint, Pose, SoftLimit
+from mindstage.scene.edits import SetPoses, Spawn
 from tests.engines.geometries import geometry
 from tests.engines.scenes import FLOOR, body, prismatic_joint, world
 
@@ -41,8 +42,8 @@ def hostile_bodies(draw: st.DrawFn) -> Body:
 @given(bad=hostile_bodies())
 def test_a_world_with_one_hostile_body_steps_and_the_others_stay(bad: Body) -> None:
     engine = MujocoEngine()
-    engine.spawn(world(FLOOR, TABLE, CUP))
-    report = engine.spawn(world(bad), options=SpawnOptions(ground=True))
+    engine.apply(Spawn(world(FLOOR, TABLE, CUP)))
+    report = engine.apply(Spawn(world(bad), ground=True)).report
     assert report.bodies == 1 or report.failed_bodies[0].reason
     engine.step(0.5)
     ids, poses = engine.poses()
@@ -70,7 +71,7 @@ def _may_reach_the_table(bad: Body) -> bool:
 def test_numbers_that_no_engine_can_simulate_are_refused_with_the_reason(
     bad: Body, reason: str, engine: type[NullEngine | MujocoEngine]
 ) -> None:
-    report = engine().spawn(world(bad))
+    report = engine().apply(Spawn(world(bad))).report
     (failure,) = report.failed_bodies
     assert failure.id == "bad"
     assert re.search(reason, failure.reason), failure.reason
@@ -80,7 +81,7 @@ def test_numbers_that_no_engine_can_simulate_are_refused_with_the_reason(
 def test_an_extreme_mass_is_clamped_and_reported_but_not_changed(given_kg: float, used: str) -> None:
     engine = MujocoEngine()
     spawned = world(FLOOR, body("ball", (0, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", given_kg))
-    (note,) = [note for note in engine.spawn(spawned).notes if note.kind is SpawnNoteKind.CLAMPED]
+    (note,) = [note for note in engine.apply(Spawn(spawned)).report.notes if note.kind is SpawnNoteKind.CLAMPED]
     assert note.ids == ("ball",)
     assert used.replace("\\", "") in note.text
     engine.step(1.0)
@@ -90,9 +91,9 @@ def test_an_extreme_mass_is_clamped_and_reported_but_not_changed(given_kg: float
 
 def test_a_body_cannot_be_moved_beyond_what_can_be_simulated() -> None:
     engine = MujocoEngine()
-    engine.spawn(world(FLOOR, CUP))
+    engine.apply(Spawn(world(FLOOR, CUP)))
     with pytest.raises(PoseUnreachableError, match="farther than 1e\\+08 m"):
-        engine.set_pose(BodyId("cup"), Pose((0.0, 0.0, 1e300)))
+        engine.apply(SetPoses({BodyId("cup"): Pose((0.0, 0.0, 1e300))}))
 
 
 @pytest.mark.parametrize("strength", [1e300, float("nan"), -1.0])
@@ -100,7 +101,7 @@ def test_a_soft_limit_that_no_engine_can_simulate_is_refused(strength: float) ->
     joint: Joint = prismatic_joint("slide", "table", "cup", (0, 0, 0.75))
     soft = SoftLimit(enabled=True, stiffness=strength, damping=1.0)
     linear = msgspec.structs.replace(joint.linear, soft_limit=soft)
-    report = MujocoEngine().spawn(world(FLOOR, TABLE, CUP, msgspec.structs.replace(joint, linear=linear)))
+    report = MujocoEngine().apply(Spawn(world(FLOOR, TABLE, CUP, msgspec.structs.replace(joint, linear=linear)))).report
     assert "stiffness" in report.failed_joints[0].reason
 
 
@@ -108,7 +109,7 @@ def test_collision_shapes_with_extreme_numbers_are_left_out_and_reported() -> No
     shapes = (CollisionShape(size=(0.1, 0.1, 0.1)), CollisionShape(size=(1e300, 0.1, 0.1)))
     odd: BodyGeometry = geometry(*shapes, friction=1e300)
     engine = MujocoEngine()
-    report = engine.spawn(world(FLOOR, TABLE, CUP), geometry={BodyId("cup"): odd})
+    report = engine.apply(Spawn(world(FLOOR, TABLE, CUP), geometry={BodyId("cup"): odd})).report
     assert any("1 of its collision shapes" in note.text for note in report.notes)
     engine.step(1.0)
     assert engine.poses()[1][2, 2] == pytest.approx(0.75, abs=0.002)

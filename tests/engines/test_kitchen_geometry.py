@@ -16,6 +16,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, Body, BodyId, BodyPhysics, GeometryMap, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.edits import Spawn
 from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_array, quat_angle, quat_rotate
 from tests.engines.contract import current_pose
@@ -32,10 +33,10 @@ class Kitchen(NamedTuple):
     def spawned(self, *more: Body) -> tuple[MujocoEngine, SpawnReport]:
         """An engine with the kitchen and additional bodies."""
         engine = MujocoEngine()
-        report = engine.spawn(self.world, geometry=self.geometry)
+        report = engine.apply(Spawn(self.world, geometry=self.geometry)).report
         if more:
             extra = World(iri=Iri("http://example.org/more.owl#map"), bodies=more)
-            assert engine.spawn(extra, geometry=fit_geometry(extra, self.knowledge).geometry).ok
+            assert engine.apply(Spawn(extra, geometry=fit_geometry(extra, self.knowledge).geometry)).report.ok
         return engine, report
 
 
@@ -77,7 +78,7 @@ def test_an_undisturbed_kitchen_with_geometry_stays_at_rest_and_falls_asleep(kit
 
 
 def test_geometry_excludes_fewer_pairs_than_boxes(kitchen: Kitchen) -> None:
-    boxes = MujocoEngine().spawn(kitchen.world)
+    boxes = MujocoEngine().apply(Spawn(kitchen.world)).report
     with_geometry = kitchen.spawned()[1]
     assert overlapping(with_geometry) < overlapping(boxes)
     assert not [note for note in with_geometry.notes if note.kind is SpawnNoteKind.HOLLOW]

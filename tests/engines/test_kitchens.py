@@ -13,6 +13,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World
+from mindstage.scene.edits import Spawn
 from mindstage.scene.kinematics import joint_reach
 from mindstage.scene.transforms import normalize, quat_angle, quat_conjugate, quat_rotate
 from tests.engines.contract import current_pose
@@ -45,7 +46,7 @@ def warnings_of(engine: MujocoEngine) -> list[int]:
 
 def test_an_undisturbed_kitchen_stays_at_rest(kitchen: World) -> None:
     engine = MujocoEngine()
-    assert engine.spawn(kitchen).ok
+    assert engine.apply(Spawn(kitchen)).report.ok
     ids, before = engine.poses()
     engine.step(10.0)
     after = engine.poses()[1]
@@ -97,7 +98,7 @@ def opened(engine: MujocoEngine, joint: Joint, handle: BodyId, sign: int) -> flo
 
 def test_every_door_and_drawer_opens_to_its_limit_by_its_handle(kitchen: World) -> None:
     engine = MujocoEngine()
-    engine.spawn(kitchen)
+    engine.apply(Spawn(kitchen))
     closed = engine.save_state()
     tested = 0
     for joint, handle in doors_and_drawers(kitchen, engine):
@@ -120,7 +121,7 @@ def test_every_door_and_drawer_opens_to_its_limit_by_its_handle(kitchen: World) 
 )
 def test_the_contents_of_a_drawer_move_with_it_and_stay_inside(bundled: World, thing: str, container: str) -> None:
     engine = MujocoEngine()
-    engine.spawn(bundled)
+    engine.apply(Spawn(bundled))
     joint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if container in (c.parent, c.child))
     before = {id: current_pose(engine, id) for id in (thing, container)}
     sign = max((1, -1), key=lambda sign: _tried(engine, joint, handle, sign))
@@ -142,7 +143,7 @@ def _tried(engine: MujocoEngine, joint: Joint, handle: BodyId, sign: int) -> flo
 
 def test_the_milk_stays_in_the_fridge_when_its_door_is_opened(bundled: World) -> None:
     engine = MujocoEngine()
-    engine.spawn(bundled)
+    engine.apply(Spawn(bundled))
     milk = next(body.id for body in bundled.bodies if "milk" in body.id)
     before = current_pose(engine, milk)
     joint, handle = next((c, h) for c, h in doors_and_drawers(bundled, engine) if "fridge" in h)
@@ -151,7 +152,7 @@ def test_the_milk_stays_in_the_fridge_when_its_door_is_opened(bundled: World) ->
 
 
 def test_only_the_enclosures_of_the_laboratory_are_found(laboratory: World) -> None:
-    report = MujocoEngine().spawn(laboratory)
+    report = MujocoEngine().apply(Spawn(laboratory)).report
     enclosures = {
         laboratory.body(note.ids[0]).cls.split("#")[1] for note in report.notes if note.kind is SpawnNoteKind.ENCLOSURE
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import msgspec
@@ -10,11 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.engines import SpawnOptions, physics_model
-from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, SpawnNoteKind
+from mindstage.engines import physics_model
+from mindstage.engines.base import SpawnNoteKind
 from mindstage.engines.kinematic_tree import build_kinematic_forest
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.scene import Body, BodyId, BodyPhysics, Mobility, Pose, World
+from mindstage.scene.edits import SetPhysics, Spawn
 from mindstage.scene.transforms import normalize, pose_array
 from tests.engines.scenes import attachment, body, prismatic_joint, world
 from tests.kitchenette import kitchenette
@@ -26,13 +28,11 @@ def poses_of(builder: PhysicsModelBuilder) -> Any:
     return poses
 
 
-def built(
-    start: World, added: list[World], options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-) -> tuple[PhysicsModelBuilder, list[Any]]:
+def built(start: World, added: list[World], options: Mapping[str, bool] = {}) -> tuple[PhysicsModelBuilder, list[Any]]:
     """A builder to which worlds were added one after the other, and the reports."""
     builder = PhysicsModelBuilder()
-    reports = [builder.add(start, np.zeros((0, 7)), options=options)[0]]
-    reports += [builder.add(each, poses_of(builder), options=options)[0] for each in added]
+    reports = [builder.apply(Spawn(start, **options), np.zeros((0, 7))).report]
+    reports += [builder.apply(Spawn(each, **options), poses_of(builder)).report for each in added]
     return builder, reports
 
 
@@ -47,9 +47,7 @@ def by_kind(report: Any) -> list[tuple[str, frozenset[str]]]:
     return sorted((kind.value, frozenset() if kind is SpawnNoteKind.GROUND else ids) for kind, ids in notes)
 
 
-def assert_same_as_with_all(
-    start: World, added: list[World], options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-) -> PhysicsModelBuilder:
+def assert_same_as_with_all(start: World, added: list[World], options: Mapping[str, bool] = {}) -> PhysicsModelBuilder:
     local, local_reports = built(start, added, options)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(physics_model, "_MAX_LOCAL_BODIES", -1)
@@ -97,9 +95,9 @@ new_bodies = st.lists(
 
 
 @settings(max_examples=60, deadline=None)
-@given(new_bodies, st.sampled_from([SpawnOptions(), SpawnOptions(ground=True), SpawnOptions(settle=False)]))
+@given(new_bodies, st.sampled_from([{}, {"ground": True}, {"settle": False}]))
 def test_bodies_near_a_new_one_suffice_for_its_decisions(
-    table: list[tuple[Any, Any, str, Any]], options: SpawnOptions
+    table: list[tuple[Any, Any, str, Any]], options: Mapping[str, bool]
 ) -> None:
     added = [
         world(body(f"new{number}", at, size, mobility, quaternion=turn))
@@ -133,7 +131,8 @@ def test_a_body_that_is_attached_or_on_a_joint_is_decided_like_a_single_one() ->
 def test_a_removed_body_can_be_added_again() -> None:
     builder, _ = built(crowd(), [])
     builder.remove([BodyId("pearl")])
-    builder.add(world(body("pearl", (2.0, 0.0, 0.65), (0.05, 0.05, 0.05), "dynamic", 0.02)), poses_of(builder))
+    pearl = body("pearl", (2.0, 0.0, 0.65), (0.05, 0.05, 0.05), "dynamic", 0.02)
+    builder.apply(Spawn(world(pearl)), poses_of(builder))
     assert builder.collision_filter.contents["box"] == ("pearl",)
     radii = builder.mass_properties.bounding_radii(builder.registry.ids)
     sizes = [each.size for each in builder.registry.bodies.values()]
@@ -166,7 +165,8 @@ def test_the_forest_after_edits_is_the_one_of_the_remaining_bodies(edits: list[t
             builder.remove([id])
         else:
             mobility = Mobility.DYNAMIC if edit == "heavy" else Mobility(edit)
-            builder.set_physics(id, BodyPhysics(mobility=mobility, mass_kg=50.0 if edit == "heavy" else None))
+            physics = BodyPhysics(mobility=mobility, mass_kg=50.0 if edit == "heavy" else None)
+            builder.apply(SetPhysics(id, physics), poses_of(builder))
         builder.order_forest()
         reference = build_kinematic_forest(builder.registry, builder.mass_properties.approximate_masses())
         assert list(builder.forest.groups.items()) == list(reference.groups.items())

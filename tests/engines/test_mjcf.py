@@ -37,6 +37,7 @@ from mindstage.scene import (
     VisualMesh,
     World,
 )
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import normalize, pose_array, quat_angle
 from tests.engines.geometries import bin_geometry, single_shape_geometry, wedge_geometry
 from tests.kitchenette import kitchenette
@@ -92,7 +93,7 @@ def test_every_body_keeps_its_pose() -> None:
 @given(world=worlds())
 def test_any_world_that_can_be_spawned_can_be_loaded(world: World) -> None:
     engine = MujocoEngine()
-    report = engine.spawn(world)
+    report = engine.apply(Spawn(world)).report
     spawned, _ = engine.poses()
     engine.close()
     written = world_to_mjcf(world)
@@ -132,7 +133,7 @@ def test_the_exported_model_moves_like_the_engine() -> None:
     )
     names = [body.id for body in world.bodies]
     engine = MujocoEngine()
-    engine.spawn(world)
+    engine.apply(Spawn(world))
     engine.apply_force(BodyId("arm"), (0.0, 0.0, -4000.0))
     engine.step(0.002)
     engine.step(0.998)
@@ -229,7 +230,7 @@ def test_geometry_is_exported_and_simulates_the_same() -> None:
     model = mujoco.MjModel.from_xml_string(world_to_mjcf(world, geometry=geometry).text)
     data = mujoco.MjData(model)
     engine = MujocoEngine()
-    engine.spawn(world, geometry=geometry)
+    engine.apply(Spawn(world, geometry=geometry))
     rows = [engine.poses()[0].index(BodyId(name)) for name in ("ball", "arm")]
     numbers = [model.body(name).id for name in ("ball", "arm")]
     for _ in range(8):

@@ -27,6 +27,7 @@ from mindstage.scene import (
     World,
     diff,
 )
+from mindstage.scene.edits import Attach, Delete, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import normalize, quat_angle
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
@@ -46,7 +47,7 @@ class TestMujocoEngine(PhysicsContract, ActuatorContract, GeometryContract):
 @given(described=worlds(max_bodies=8))
 def test_any_world_is_returned_unchanged_by_the_engine(described: World) -> None:
     engine = MujocoEngine()
-    report = engine.spawn(described)
+    report = engine.apply(Spawn(described)).report
     assert report.ok, report
     found = diff(described, engine.snapshot())
     assert found.identical(0.0), found
@@ -65,7 +66,7 @@ def test_any_world_is_returned_unchanged_by_the_engine(described: World) -> None
 @given(described=worlds(max_bodies=6))
 def test_any_world_runs_or_reports_why_it_cannot(described: World) -> None:
     engine = MujocoEngine()
-    engine.spawn(described)
+    engine.apply(Spawn(described))
     with contextlib.suppress(SimulationDivergedError):  # a joint frame a kilometer away may well diverge
         engine.step(0.1)
         assert np.isfinite(engine.poses()[1]).all()
@@ -77,7 +78,7 @@ def model_of(engine: MujocoEngine) -> object:
 
 def test_masses_in_the_model_are_exactly_the_given_ones() -> None:
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     compiled = engine._cache.model()
     for described in room().bodies:
         if described.physics.mass_kg:
@@ -86,7 +87,7 @@ def test_masses_in_the_model_are_exactly_the_given_ones() -> None:
 
 def test_the_snapshot_is_read_from_the_simulation() -> None:
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     assert {body.id for body in engine.snapshot().bodies} == set(engine._cache.model().rows)
     assert not engine._cache.stale
     compiled = engine._cache.model()
@@ -101,15 +102,15 @@ def test_consecutive_edits_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -
     original = scene.compile_model
     monkeypatch.setattr(scene, "compile_model", lambda blueprint: compile_count.append(1) or original(blueprint))
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     engine.step(0.01)
     compile_count.clear()
     for i in range(20):
-        engine.spawn(world(body(f"new{i}", (5, i, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
-    engine.set_physics(BodyId("mug"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=1.0))
-    engine.set_pose(BodyId("new3"), Pose((7, 7, 1)))
-    engine.attach(BodyId("drawer"), BodyId("mug"))
-    engine.delete([BodyId("new4")])
+        engine.apply(Spawn(world(body(f"new{i}", (5, i, 1), (0.1, 0.1, 0.1), "dynamic", 1.0))))
+    engine.apply(SetPhysics(BodyId("mug"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=1.0)))
+    engine.apply(SetPoses({BodyId("new3"): Pose((7, 7, 1))}))
+    engine.apply(Attach(BodyId("drawer"), BodyId("mug")))
+    engine.apply(Delete((BodyId("new4"),)))
     engine.restore_state(engine.save_state())
     assert current_pose(engine, "new3")[0] == 7
     assert compile_count == []
@@ -119,11 +120,11 @@ def test_consecutive_edits_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -
 
 def test_sleeping_bodies_stay_asleep_through_an_edit_elsewhere() -> None:
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     engine.step(3.0)
     asleep = int((engine._cache.model().data.tree_asleep >= 0).sum())
     assert asleep == 4
-    engine.spawn(world(body("distant", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0)))
+    engine.apply(Spawn(world(body("distant", (8, 8, 1), (0.1, 0.1, 0.1), "dynamic", 1.0))))
     engine.step(0.004)
     assert int((engine._cache.model().data.tree_asleep >= 0).sum()) == asleep
 
@@ -157,7 +158,7 @@ def test_any_combination_of_axes_moves_as_described(
         body("base", (0, 0, 1), (0.2, 0.2, 0.2)),
         body("arm", (0.5, 0, 1), (0.3, 0.1, 0.1), "dynamic", 1.0, gravity=False),
     )
-    assert engine.spawn(world(base, arm, joint)).ok
+    assert engine.apply(Spawn(world(base, arm, joint))).report.ok
     for _ in range(150):
         x, y, z = current_pose(engine, "arm")[:3].tolist()
         engine.apply_force(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))
@@ -194,8 +195,14 @@ def test_a_soft_limit_yields_like_a_spring_of_its_stiffness() -> None:
         linear=soft,
     )
     engine = MujocoEngine()
-    engine.spawn(
-        world(body("base", (-1, 0, 1), (0.2, 0.2, 0.2)), body("arm", (0, 0, 1), (0.3, 0.1, 0.1), "dynamic", 2.0), joint)
+    engine.apply(
+        Spawn(
+            world(
+                body("base", (-1, 0, 1), (0.2, 0.2, 0.2)),
+                body("arm", (0, 0, 1), (0.3, 0.1, 0.1), "dynamic", 2.0),
+                joint,
+            )
+        )
     )
     apply_force_for(engine, "arm", (force, 0.0, 0.0), 6.0)
     friction = 2.0 * 1.0 * 1.05  # the friction of the slide, with a margin
@@ -210,17 +217,19 @@ def test_a_joint_that_closes_a_loop_holds_its_locked_axes(make: object) -> None:
     ]
     closing = make("closing", "two", "base", (1.3, 0, 1))  # type: ignore[operator]
     engine = MujocoEngine()
-    report = engine.spawn(
-        world(
-            FLOOR,
-            body("base", (1.6, 0, 1), (0.2, 0.2, 2.0)),
-            body("wall", (0, 0, 1), (0.2, 0.2, 2.0)),
-            *arms,
-            fixed_joint("first", "wall", "one", (0.3, 0, 1)),
-            revolute_joint("middle", "one", "two", (0.75, 0, 1)),
-            closing,
+    report = engine.apply(
+        Spawn(
+            world(
+                FLOOR,
+                body("base", (1.6, 0, 1), (0.2, 0.2, 2.0)),
+                body("wall", (0, 0, 1), (0.2, 0.2, 2.0)),
+                *arms,
+                fixed_joint("first", "wall", "one", (0.3, 0, 1)),
+                revolute_joint("middle", "one", "two", (0.75, 0, 1)),
+                closing,
+            )
         )
-    )
+    ).report
     assert report.ok
     assert any(note.kind is SpawnNoteKind.JOINT and "loop" in note.text for note in report.notes)
     apply_force_for(engine, "two", (0.0, 8.0, 0.0), 1.0)
@@ -231,7 +240,7 @@ def test_a_joint_that_closes_a_loop_holds_its_locked_axes(make: object) -> None:
 def test_a_diverging_body_is_named_and_the_engine_stays_usable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     state = engine.save_state()
     engine.apply_force(BodyId("mug"), (1e30, 0.0, 0.0))
     with pytest.raises(SimulationDivergedError, match="mug"):
@@ -246,7 +255,7 @@ def test_a_dynamic_body_attached_without_a_joint_moves_rigidly_and_is_reported()
     engine = MujocoEngine()
     magnet = body("magnet", (0.345, 2.1, 1.4), (0.002, 0.05, 0.05), "dynamic", 0.05)
     described = world(*room().bodies, magnet, *room().joints, *room().attachments, attachment("door", "magnet"))
-    report = engine.spawn(described)
+    report = engine.apply(Spawn(described)).report
     assert [note.ids for note in report.notes if note.kind is SpawnNoteKind.ATTACHMENT] == [("magnet", "door")]
     apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 4.0)
     assert quat_angle(current_pose(engine, "magnet")[3:], [1, 0, 0, 0]) == pytest.approx(np.pi / 4, abs=0.01)
@@ -255,7 +264,7 @@ def test_a_dynamic_body_attached_without_a_joint_moves_rigidly_and_is_reported()
 def test_a_joint_takes_precedence_over_an_attachment_and_is_reported() -> None:
     engine = MujocoEngine()
     described = world(*room().bodies, *room().joints, *room().attachments, attachment("fridge", "door"))
-    report = engine.spawn(described)
+    report = engine.apply(Spawn(described)).report
     assert report.ok
     assert any(note.kind is SpawnNoteKind.ATTACHMENT and note.ids == ("door", "fridge") for note in report.notes)
     apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 4.0)
@@ -266,7 +275,7 @@ def test_a_joint_takes_precedence_over_an_attachment_and_is_reported() -> None:
 def test_hundreds_of_bodies_in_one_place_do_not_explode() -> None:
     boxes = [body(f"b{i}", (0, 0, 1), (0.1, 0.1, 0.1), "dynamic", 1.0, gravity=False) for i in range(600)]
     engine = MujocoEngine()
-    assert engine.spawn(world(*boxes)).ok
+    assert engine.apply(Spawn(world(*boxes))).report.ok
     engine.step(0.02)
     assert np.abs(engine.poses()[1][:, :3] - (0, 0, 1)).max() < 1e-6
 
@@ -279,7 +288,7 @@ def test_a_body_that_is_too_fast_for_a_thin_table_is_reported(size: float, heigh
     engine = MujocoEngine()
     table = body("table", (0, 0, -0.005), (1, 1, 0.01))
     cube = body("cube", (0, 0, height + size / 2), (size, size, size), "dynamic", 1.0)
-    engine.spawn(world(body("floor", (0, 0, -2), (50, 50, 1)), table, cube))
+    engine.apply(Spawn(world(body("floor", (0, 0, -2), (50, 50, 1)), table, cube)))
     engine.step(6.0)
     assert bool(engine.poses()[1][2, 2] < -0.1) is passes
     reported = [note for note in engine.notes if note.kind is SpawnNoteKind.FAST]
@@ -290,14 +299,14 @@ def test_a_body_that_is_too_fast_for_a_thin_table_is_reported(size: float, heigh
 def test_a_fast_body_is_not_reported_for_its_own_parts_or_the_empty_air() -> None:
     engine = MujocoEngine()
     parts = body("pole", (0, 0, 50), (0.1, 0.1, 0.1), "dynamic", 1.0), body("foot", (0, 0, 49), (0.1, 0.1, 0.01))
-    engine.spawn(world(body("floor", (9, 0, 0), (1, 1, 0.01)), *parts, attachment("pole", "foot")))
+    engine.apply(Spawn(world(body("floor", (9, 0, 0), (1, 1, 0.01)), *parts, attachment("pole", "foot"))))
     engine.step(2.0)
     assert not engine.notes
 
 
 def test_a_fork_shares_the_model_and_leaves_sleeping_bodies_asleep() -> None:
     engine = MujocoEngine()
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     engine.step(3.0)
     assert engine.stats().awake < engine.stats().movable
     fork = engine.fork()

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mindstage.engines import SpawnOptions
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco import compiler as mujoco_compiler
 from mindstage.errors import EngineMemoryError
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.scene.edits import Delete, Spawn
 
 _BOX_M = 0.1
 _HUGE_BYTES = 2 * 2**30
@@ -43,7 +43,7 @@ def _heap(count: int, *, gap_m: float = -0.0005, mobility: Mobility = Mobility.D
 def _engine(world: World, monkeypatch: pytest.MonkeyPatch, first_bytes: int, **options: int) -> MujocoEngine:
     """An engine whose first model has an arena of a given size."""
     engine = MujocoEngine(**options)
-    engine.spawn(world, options=SpawnOptions(settle=False))
+    engine.apply(Spawn(world, settle=False))
     with monkeypatch.context() as patch:
         patch.setattr(mujoco_compiler, "first_arena_size", lambda *values, **names: first_bytes)
         engine.compiled()
@@ -110,7 +110,7 @@ def test_sleeping_bodies_stay_asleep_when_the_memory_grows(monkeypatch: pytest.M
             )
             for each in _heap(60).bodies
         ]  # fmt: skip
-        engine.spawn(World(iri=resting.iri, bodies=tuple(falling)), options=SpawnOptions(settle=False))
+        engine.apply(Spawn(World(iri=resting.iri, bodies=tuple(falling)), settle=False))
     small, large = engines
     with monkeypatch.context() as patch:
         patch.setattr(mujoco_compiler, "first_arena_size", lambda *values, **names: _TIGHT_BYTES)
@@ -138,14 +138,14 @@ def test_what_exceeds_the_limit_while_time_passes_is_an_error_and_nothing_has_ch
         fork.step(0.5)
     assert fork.time_s == time_s
     assert np.array_equal(fork.poses()[1], poses)
-    engine.delete([BodyId(f"box{number}") for number in range(2, 300)])
+    engine.apply(Delete(tuple([BodyId(f"box{number}") for number in range(2, 300)])))
     engine.step(0.5)
     assert engine.time_s > 0.5
 
 
 def test_a_spawn_that_cannot_be_simulated_is_refused_with_the_numbers_and_changes_nothing() -> None:
     engine = MujocoEngine(memory_cap_bytes=2**20 + 4 * 50**2)
-    engine.spawn(_heap(30, gap_m=0.2))
+    engine.apply(Spawn(_heap(30, gap_m=0.2)))
     engine.step(0.01)
     ids, before = engine.poses()
     more = _heap(25, gap_m=0.2)
@@ -158,7 +158,7 @@ def test_a_spawn_that_cannot_be_simulated_is_refused_with_the_numbers_and_change
         ),
     )  # fmt: skip
     with pytest.raises(EngineMemoryError, match="55 bodies that can move need") as raised:
-        engine.spawn(renamed)
+        engine.apply(Spawn(renamed))
     assert raised.value.needed_mb > raised.value.cap_mb
     assert engine.poses()[0] == ids
     assert np.array_equal(engine.poses()[1], before)
@@ -168,7 +168,7 @@ def test_a_spawn_that_cannot_be_simulated_is_refused_with_the_numbers_and_change
              physics=BodyPhysics(mobility=Mobility.STATIC))
         for each in renamed.bodies
     )  # fmt: skip
-    engine.spawn(World(iri=more.iri, bodies=static))  # what is fixed needs none of this memory
+    engine.apply(Spawn(World(iri=more.iri, bodies=static)))  # what is fixed needs none of this memory
     assert len(engine.poses()[0]) == 55
 
 
@@ -181,7 +181,7 @@ def _address_space_mb() -> float:
 def test_a_thousand_loose_bodies_need_little_address_space_and_forks_too() -> None:
     """MuJoCo's default for them would be an arena of 450 MB, and as much again for each fork."""
     engine = MujocoEngine()
-    engine.spawn(_heap(1000, gap_m=0.2), options=SpawnOptions(settle=False))
+    engine.apply(Spawn(_heap(1000, gap_m=0.2), settle=False))
     before = _address_space_mb()
     engine.step(0.002)
     forks = [engine.fork() for _ in range(3)]

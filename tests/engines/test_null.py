@@ -5,6 +5,7 @@ import pytest
 from mindstage.engines import NullEngine
 from mindstage.errors import BodyNotFoundError
 from mindstage.scene import BodyId
+from mindstage.scene.edits import Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import DescriptionContract
 from tests.engines.geometry_contract import GeometryDescriptionContract
@@ -17,7 +18,7 @@ class TestNullEngine(DescriptionContract, ActuatorContract, GeometryDescriptionC
         return NullEngine()
 
     def test_a_force_has_no_effect_and_needs_an_existing_body(self, engine: NullEngine) -> None:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         engine.apply_force(BodyId("mug"), (1.0, 0.0, 0.0))
         engine.step(1.0)
         assert engine.snapshot().body("mug").pose == room().body("mug").pose

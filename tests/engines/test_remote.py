@@ -38,6 +38,7 @@ from mindstage.scene import (
     World,
     diff,
 )
+from mindstage.scene.edits import Delete, SetPoses, Spawn
 from tests.bridge.raw_client import eventually
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
 from tests.engines.served_simulation import ServedSimulation
@@ -124,7 +125,7 @@ def test_another_mindstage_is_detected_with_its_capabilities(served: ServedSimul
 def test_a_mindstage_can_be_used_through_the_unreal_profile(served: ServedSimulation) -> None:
     with closing(connect(f"{served.address}?profile=unreal")) as engine:
         assert engine.profile is RemoteProfile.UNREAL
-        assert engine.spawn(room()).ok
+        assert engine.apply(Spawn(room())).report.ok
         assert diff(room(), engine.snapshot()).identical(0.0)
         assert {each.id for each in served.simulation.snapshot().bodies} == {each.id for each in room().bodies}
         engine.clear()
@@ -148,7 +149,7 @@ def test_a_rosbridge_without_an_engine_names_what_to_start() -> None:
 def test_only_the_right_token_connects_and_no_text_reveals_it() -> None:
     with ServedSimulation(NullEngine, token="open sesame") as served:
         with closing(connect(f"{served.address}?token=open%20sesame")) as engine:
-            assert engine.spawn(room()).ok
+            assert engine.apply(Spawn(room())).report.ok
             assert "sesame" not in engine.name
         for wrong in ("?token=close%20sesame", ""):
             with pytest.raises(EngineUnavailableError, match="token") as refused:
@@ -199,12 +200,12 @@ def saved_state_count(served: ServedSimulation) -> int:
 
 
 def test_unreferenced_states_are_deleted_remotely(served: ServedSimulation, engine: RemoteEngine) -> None:
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     first = engine.save_state()
     for _ in range(100):
         engine.save_state()
     gc.collect()
-    engine.delete([BodyId("mug")])
+    engine.apply(Delete((BodyId("mug"),)))
     engine.restore_state(first)
     assert "mug" in engine.poses()[0]
     assert saved_state_count(served) <= 3
@@ -235,7 +236,7 @@ def test_entities_that_json_cannot_express_fail_and_the_rest_is_spawned(engine: 
         ),
         prismatic_joint("loose", "floor", "nowhere", (0, 0, 0)),
     )
-    report = engine.spawn(msgspec.structs.replace(invalid, lights=(lamp,)))
+    report = engine.apply(Spawn(msgspec.structs.replace(invalid, lights=(lamp,)))).report
     assert {failure.id for failure in report.failed_bodies} == {"nowhere", "painted", "lamp"}
     reasons = {failure.id: failure.reason for failure in (*report.failed_bodies, *report.failed_joints)}
     assert "not finite" in reasons["nowhere"]
@@ -246,10 +247,10 @@ def test_entities_that_json_cannot_express_fail_and_the_rest_is_spawned(engine: 
 
 
 def test_numbers_that_json_cannot_express_change_nothing(engine: RemoteEngine) -> None:
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     mug = BodyId("mug")
     with pytest.raises(PoseUnreachableError, match="not finite"):
-        engine.set_pose(mug, Pose((NAN, 0, 0)))
+        engine.apply(SetPoses({mug: Pose((NAN, 0, 0))}))
     with pytest.raises(NumberRefusedError, match="force"):
         engine.apply_force(mug, (NAN, 0, 0))
     with pytest.raises(NumberRefusedError, match="duration_s"):
@@ -261,13 +262,13 @@ def test_a_world_too_large_for_one_message_is_refused_before_it_is_sent(engine: 
     story = PropertyAssertion(Iri(BASE + "story"), Literal("x" * (33 << 20)))
     too_large = World(iri=Iri(BASE + "huge"), facts=(story,))
     with pytest.raises(MessageValidationError, match="33 MiB, and one message can have 32 MiB"):
-        engine.spawn(too_large)
+        engine.apply(Spawn(too_large))
     assert engine.snapshot().facts == ()
 
 
 def test_a_world_of_a_thousand_bodies_is_returned_completely(engine: RemoteEngine) -> None:
     bodies: tuple[Body, ...] = tuple(body(f"box{i}", (i, i % 7, 0.1 * i), (0.1, 0.2, 0.3)) for i in range(1000))
-    assert engine.spawn(world(*bodies)).bodies == 1000
+    assert engine.apply(Spawn(world(*bodies))).report.bodies == 1000
     assert diff(world(*bodies), engine.snapshot()).identical(0.0)
     assert engine.poses()[1].shape == (1000, 7)
 
@@ -285,13 +286,13 @@ def test_any_world_is_returned_unchanged_over_the_socket(
 ) -> None:
     engine = engine_of_all_examples
     engine.clear()
-    report = engine.spawn(described)
+    report = engine.apply(Spawn(described)).report
     assert report.ok, report
     found = diff(described, engine.snapshot())
     assert found.identical(0.0), found
 
 
 def test_similar_names_are_suggested(engine: RemoteEngine) -> None:
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     with pytest.raises(BodyNotFoundError, match="no body 'drawr' in 'scene'; near: 'drawer'"):
-        engine.set_pose(BodyId("drawr"), Pose())
+        engine.apply(SetPoses({BodyId("drawr"): Pose()}))

@@ -9,7 +9,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.engines import SpawnOptions
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
@@ -17,6 +16,7 @@ from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.engine_services import EngineServices
 from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
@@ -55,7 +55,7 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
     def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, only the sent model is tested: the MuJoCo at the other end makes its own."""
         wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
-        engine.spawn(world(wall), options=SpawnOptions(immovable=frozenset({BodyId("wall")}), ground=True))
+        engine.apply(Spawn(world(wall), immovable=frozenset({BodyId("wall")}), ground=True))
         assert isinstance(engine, CompiledRemoteEngine)
         (model,) = engine._sent_state.bodies.values()
         assert (model.mobility, model.mass_kg) == (Mobility.STATIC, 500.0)
@@ -65,16 +65,14 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
     def test_excluded_pairs_do_not_collide(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, only the sent model is tested: the MuJoCo at the other end makes its own."""
         pair = (BodyId("box"), BodyId("floor"))
-        options = SpawnOptions(excluded_pairs=frozenset({pair[::-1]}))
-        engine.spawn(world(FLOOR, body("box", (0, 0, 0.2), (0.2, 0.2, 0.2), "dynamic", 1.0)), options=options)
+        box = body("box", (0, 0, 0.2), (0.2, 0.2, 0.2), "dynamic", 1.0)
+        engine.apply(Spawn(world(FLOOR, box), excluded_pairs=frozenset({pair[::-1]})))
         assert isinstance(engine, CompiledRemoteEngine)
         assert engine._sent_state.excluded_pairs == {pair}
 
     def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, the MuJoCo at the other end has a ground; only the sent model is tested."""
-        engine.spawn(
-            world(body("box", (3, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)), options=SpawnOptions(ground=True)
-        )
+        engine.apply(Spawn(world(body("box", (3, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)), ground=True))
         assert isinstance(engine, CompiledRemoteEngine)
         assert engine._sent_state.ground_height_m == pytest.approx(0.4)
         assert [model.on_ground for model in engine._sent_state.bodies.values()] == [True]
@@ -83,7 +81,7 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
 def test_joint_positions_agree_with_mujoco(served: ServedSimulation) -> None:
     with closing(connect(served.address)) as remote, closing(MujocoEngine()) as local:
         for engine in (remote, local):
-            engine.spawn(room())
+            engine.apply(Spawn(room()))
             apply_force_for(engine, "door_handle", (25.0, 0.0, 0.0), 0.6)
         remote_positions, local_positions = remote.joint_positions(), local.joint_positions()
         assert remote_positions.keys() == local_positions.keys()
@@ -93,14 +91,16 @@ def test_joint_positions_agree_with_mujoco(served: ServedSimulation) -> None:
 
 def test_the_sent_model_has_roots_and_excluded_pairs(served: ServedSimulation) -> None:
     with closing(connect(served.address)) as engine:
-        engine.spawn(
-            world(
-                FLOOR,
-                body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)),
-                body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0),
-                body("handle", (0.3, 0, 0.5), (0.02, 0.2, 0.02), "dynamic"),
-                attachment("drawer", "handle"),
-                prismatic_joint("slide", "drawer", "case", (0.3, 0, 0.5)),
+        engine.apply(
+            Spawn(
+                world(
+                    FLOOR,
+                    body("case", (0, 0, 0.5), (0.6, 0.6, 1.0)),
+                    body("drawer", (0, 0, 0.5), (0.58, 0.5, 0.2), "dynamic", 5.0),
+                    body("handle", (0.3, 0, 0.5), (0.02, 0.2, 0.02), "dynamic"),
+                    attachment("drawer", "handle"),
+                    prismatic_joint("slide", "drawer", "case", (0.3, 0, 0.5)),
+                )
             )
         )
     model = msgspec.json.decode(served.models[-1])  # type: ignore[attr-defined]
@@ -116,43 +116,43 @@ def test_the_sent_model_has_roots_and_excluded_pairs(served: ServedSimulation) -
 
 def test_a_force_on_a_body_deleted_before_the_step_is_dropped(served: ServedSimulation) -> None:
     with closing(connect(served.address)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         engine.apply_force(BodyId("mug"), (1.0, 0.0, 0.0))
-        engine.delete([BodyId("mug")])
+        engine.apply(Delete((BodyId("mug"),)))
         engine.step(0.1)
         assert "mug" not in engine.poses()[0]
 
 
 def test_poses_read_twice_after_a_step_are_current(served: ServedSimulation) -> None:
     with closing(connect(served.address)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         for _ in range(3):  # from the second read on, responses of steps contain poses
             engine.step(0.01)
             poses = engine.poses()[1]
         np.testing.assert_allclose(poses, served.simulation.state.poses, atol=1e-12)
         served.simulation.run_on_engine(
-            lambda remote: remote.set_pose(BodyId("crate"), Pose((7, 7, 7))), label="set pose"
+            lambda remote: remote.apply(SetPoses({BodyId("crate"): Pose((7, 7, 7))})), label="set pose"
         )
         assert current_pose(engine, "crate")[0] == 7
 
 
 def test_bodies_spawned_by_other_clients_are_taken_over(served: ServedSimulation) -> None:
     with closing(connect(served.address)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         served.simulation.spawn(world(body("added", (3, 3, 1), (0.2, 0.2, 0.2), "dynamic", 1.0)))
         assert "added" in engine.poses()[0]
-        engine.attach(BodyId("crate"), BodyId("added"))
-        engine.set_pose(BodyId("crate"), Pose((0, 5, 1)))
+        engine.apply(Attach(BodyId("crate"), BodyId("added")))
+        engine.apply(SetPoses({BodyId("crate"): Pose((0, 5, 1))}))
         assert abs(current_pose(engine, "added")[1] - 5) < 5
         assert engine.snapshot().body("added").pose.position[1] != 3
 
 
 def test_a_restarted_remote_world_can_be_spawned_into(served: ServedSimulation) -> None:
     with closing(connect(served.address, timeout_s=10.0)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         served.stop()
         served.start()
         with pytest.raises(EngineUnavailableError, match="it was restarted"):
             engine.poses()
-        assert engine.spawn(room()).ok
+        assert engine.apply(Spawn(room())).report.ok
         assert len(engine.poses()[0]) == len(room().bodies)

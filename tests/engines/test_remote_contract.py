@@ -7,9 +7,10 @@ from contextlib import closing
 
 import pytest
 
-from mindstage.engines import SpawnNoteKind, SpawnOptions
+from mindstage.engines import SpawnNoteKind
 from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.scene import BodyId
+from mindstage.scene.edits import Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, current_pose, notes_of
 from tests.engines.geometry_contract import GeometryContract
@@ -26,18 +27,18 @@ class TestRemoteEngine(PhysicsContract, ActuatorContract, GeometryContract):
     def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, the simulation at the other end decides by its own ontology; the report states it."""
         wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
-        report = engine.spawn(world(wall), options=SpawnOptions(immovable=frozenset({BodyId("wall")})))
+        report = engine.apply(Spawn(world(wall), immovable=frozenset({BodyId("wall")}))).report
         assert notes_of(report, SpawnNoteKind.NOT_TRANSFERRED) == [("wall",)]
 
     def test_excluded_pairs_do_not_collide(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, they are not sent, which the report states."""
         pair = (BodyId("box"), BodyId("floor"))
-        options = SpawnOptions(excluded_pairs=frozenset({pair}))
-        report = engine.spawn(world(FLOOR, body("box", (0, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)), options=options)
+        box = body("box", (0, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)
+        report = engine.apply(Spawn(world(FLOOR, box), excluded_pairs=frozenset({pair}))).report
         assert notes_of(report, SpawnNoteKind.NOT_TRANSFERRED) == [("box", "floor")]
 
     def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, the simulation at the other end has a ground, whatever the options are."""
-        engine.spawn(world(FLOOR, body("box", (30, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+        engine.apply(Spawn(world(FLOOR, body("box", (30, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0))))
         engine.step(2.0)
         assert current_pose(engine, "box")[2] == pytest.approx(0.5, abs=self.rest_tolerance_m)

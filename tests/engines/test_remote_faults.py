@@ -28,6 +28,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, diff
+from mindstage.scene.edits import Delete, Spawn
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.engines.fake_remote import (
@@ -78,7 +79,7 @@ def fake_engine(fake: FakeRemote) -> Iterator[RemoteEngine]:
 def test_an_engine_killed_during_a_spawn_is_reported_at_once_and_usable_after_a_restart() -> None:
     with server_process("--stuck") as (process, address), ThreadPoolExecutor(1) as other:
         engine = connect(address, timeout_s=600.0)
-        spawning = other.submit(engine.spawn, room())
+        spawning = other.submit(engine.apply, Spawn(room()))
         assert process.stdout is not None
         assert process.stdout.readline() == "spawning\n"
         process.kill()
@@ -90,7 +91,7 @@ def test_an_engine_killed_during_a_spawn_is_reported_at_once_and_usable_after_a_
         eventually(lambda: answers(engine))
         with pytest.raises(EngineUnavailableError, match="it was restarted, and its world is lost"):
             engine.snapshot()
-        assert engine.spawn(room()).ok
+        assert engine.apply(Spawn(room())).report.ok
         assert diff(room(), engine.snapshot()).identical(0.0)
 
 
@@ -114,13 +115,13 @@ def is_noticed(client: ServiceClient, connection_count: int) -> bool:
 
 def test_a_broken_connection_is_restored_before_the_next_call_and_the_world_is_kept() -> None:
     with ServedSimulation(NullEngine) as served, closing(connect(served.address)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         state = engine.save_state()
         for connection_count in (1, 2, 3):
             abort_connections(served)
             eventually(partial(is_noticed, engine._client, connection_count))
             assert diff(room(), engine.snapshot()).identical(0.0)
-        engine.delete([BodyId("mug")])
+        engine.apply(Delete((BodyId("mug"),)))
         engine.restore_state(state)
         assert "mug" in engine.poses()[0]
 
@@ -157,7 +158,7 @@ def test_a_connection_broken_during_a_call_fails_only_that_call() -> None:
 
 def test_saved_states_are_lost_with_their_world() -> None:
     with ServedSimulation(NullEngine) as served, closing(connect(served.address)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         state = engine.save_state()
         served.stop()
         served.start()
@@ -166,7 +167,7 @@ def test_saved_states_are_lost_with_their_world() -> None:
         with pytest.raises(EngineUnavailableError, match="its saved states are lost"):
             engine.restore_state(state)
         engine.save_state()
-        assert engine.spawn(room()).ok
+        assert engine.apply(Spawn(room())).report.ok
 
 
 def test_a_simulation_reports_the_loss_of_its_engine_and_continues_after_it_is_restored() -> None:
@@ -208,7 +209,7 @@ def test_a_late_response_is_a_timeout_and_is_not_taken_for_the_next() -> None:
         with short_timeout(engine), pytest.raises(EngineTimeoutError, match=late):
             engine.step(0.0)
         blocked.go.set()
-        assert engine.spawn(room()).ok
+        assert engine.apply(Spawn(room())).report.ok
         assert len(engine.poses()[0]) == len(room().bodies)
 
 
@@ -263,7 +264,7 @@ INVALID_RESPONSES: dict[str, tuple[str, Callable[[RemoteEngine], object], Any]] 
     "another world": ("log_world", lambda engine: engine.snapshot(), ok_response(world='{"format_version": 99}')),
     "a note of no kind": (
         "spawn_world",
-        lambda engine: engine.spawn(world(FLOOR)),
+        lambda engine: engine.apply(Spawn(world(FLOOR))).report,
         ok_response(report={**REPORT, "notes": [{"kind": "mood", "ids": [], "text": ""}]}),
     ),
     "more colors than bodies": (
@@ -353,7 +354,7 @@ def test_a_remote_engine_error_is_reported_and_the_world_continues(
     breaking = Breaking()
     breaking.error = error
     with ServedSimulation(lambda: breaking) as served, closing(connect(served.address)) as engine:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         with pytest.raises(EngineError, match=str(error)) as message:
             engine.step(0.1)
         assert type(message.value) is comes_as

@@ -30,6 +30,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
+from mindstage.scene.edits import Attach, Delete, Detach, SetMaterials, SetPhysics, SetPoses, Spawn
 from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement, gripper
 from tests.engines.fake_unreal import FakeUnrealPlugin
@@ -94,38 +95,40 @@ class TestUnrealEngine(DescriptionContract):
         self, engine: UnrealEngine, multiplier: float
     ) -> None:
         """The plugin's protocol has no such joints; the report says that they move independently."""
-        report = engine.spawn(gripper(multiplier))
+        report = engine.apply(Spawn(gripper(multiplier))).report
         assert any("mimic" in note.text for note in report.notes if note.kind is SpawnNoteKind.NOT_TRANSFERRED)
 
     def test_attached_bodies_move_with_their_parent(self, engine: UnrealEngine) -> None:
-        engine.spawn(world(body("table", (1, 2, 3), (1, 1, 0.1)), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3))))
-        engine.attach(BodyId("table"), BodyId("lamp"))
-        engine.set_pose(BodyId("table"), Pose((5, 5, 5), YAW_30))
+        engine.apply(Spawn(world(body("table", (1, 2, 3), (1, 1, 0.1)), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3)))))
+        engine.apply(Attach(BodyId("table"), BodyId("lamp")))
+        engine.apply(SetPoses({BodyId("table"): Pose((5, 5, 5), YAW_30)}))
         rotated = (5 + 0.3 * np.cos(np.pi / 6), 5 + 0.3 * np.sin(np.pi / 6), 5.2)
         np.testing.assert_allclose(current_pose(engine, "lamp")[:3], rotated, atol=self.pose_tolerance)
         np.testing.assert_allclose(current_pose(engine, "lamp")[3:], YAW_30, atol=self.pose_tolerance)
 
     def test_moving_an_attached_child_keeps_its_parent_and_the_attachment(self, engine: UnrealEngine) -> None:
-        engine.spawn(
-            world(
-                body("table", (0, 0, 1), (1, 1, 0.1)),
-                body("lamp", (0, 0, 1.2), (0.1, 0.1, 0.3)),
-                attachment("table", "lamp"),
+        engine.apply(
+            Spawn(
+                world(
+                    body("table", (0, 0, 1), (1, 1, 0.1)),
+                    body("lamp", (0, 0, 1.2), (0.1, 0.1, 0.3)),
+                    attachment("table", "lamp"),
+                )
             )
         )
-        engine.set_pose(BodyId("lamp"), Pose((0.4, 0, 1.2)))
+        engine.apply(SetPoses({BodyId("lamp"): Pose((0.4, 0, 1.2))}))
         assert displacement(engine, "table", np.array([0, 0, 1.0])) < self.pose_tolerance
-        engine.set_pose(BodyId("table"), Pose((1, 0, 1)))
+        engine.apply(SetPoses({BodyId("table"): Pose((1, 0, 1))}))
         np.testing.assert_allclose(current_pose(engine, "lamp")[:3], (1.4, 0, 1.2), atol=self.pose_tolerance)
 
     def test_attaching_and_detaching_keep_poses(self, engine: UnrealEngine) -> None:
-        engine.spawn(room())
+        engine.apply(Spawn(room()))
         before = {id: current_pose(engine, id) for id in ("crate", "mug")}
-        engine.attach(BodyId("crate"), BodyId("mug"))
+        engine.apply(Attach(BodyId("crate"), BodyId("mug")))
         assert max(displacement(engine, id, start) for id, start in before.items()) < self.pose_tolerance
-        engine.detach(BodyId("crate"))  # it is not attached
+        engine.apply(Detach(BodyId("crate")))  # it is not attached
         with pytest.raises(UnsupportedByEngineError, match="cannot detach; delete that body and spawn it again"):
-            engine.detach(BodyId("mug"))
+            engine.apply(Detach(BodyId("mug")))
         assert "mug" in {attachment.child for attachment in engine.snapshot().attachments}
 
 
@@ -140,7 +143,7 @@ def test_the_thesis_map_is_spawned_completely_and_in_order(
 ) -> None:
     kitchen = kitchen_of_the_thesis(shared_data)
     with closing(connect(address(server))) as engine:
-        report = engine.spawn(kitchen)
+        report = engine.apply(Spawn(kitchen)).report
         assert report.ok
         assert (report.bodies, report.joints, report.attachments) == (114, 22, len(kitchen.attachments))
         bodies, joints = [body.id for body in kitchen.bodies], [each.id for each in kitchen.joints]
@@ -158,7 +161,7 @@ def test_the_thesis_map_is_spawned_completely_and_in_order(
 
 def test_a_model_has_unreals_axes_and_all_properties_of_the_map(engine: UnrealEngine, plugin: FakeUnrealPlugin) -> None:
     mug = body("mug", (1, 2, 3), (0.1, 0.1, 0.2), "dynamic", 0.3, quaternion=YAW_30, mesh="/Game/Models/SM_Mug.uasset")
-    engine.spawn(world(msgspec.structs.replace(mug, materials=(Material(name="Blue", path="/Game/Looks"),))))
+    engine.apply(Spawn(world(msgspec.structs.replace(mug, materials=(Material(name="Blue", path="/Game/Looks"),)))))
     actor = plugin.actors["mug"]
     np.testing.assert_allclose(actor.unreal_pose, (100, -200, 300, YAW_30[0], 0, 0, -YAW_30[3]), rtol=1e-6)
     assert actor.model["name"] == "Mug"
@@ -172,21 +175,23 @@ def test_failures_are_reported_with_reasons_and_the_rest_is_spawned(
     server: RosbridgeServer, plugin: FakeUnrealPlugin, engine: UnrealEngine
 ) -> None:
     with closing(connect(address(server))) as other:
-        other.spawn(world(body("taken", (0, 0, 0), (1, 1, 1))))
+        other.apply(Spawn(world(body("taken", (0, 0, 0), (1, 1, 1)))))
     plugin.obstructed, plugin.without_mesh = {"squeezed"}, {"Ghost"}
     plugin.unbreakable_failures = {"weak", "slippery"}
     boxes = [body(id, (i, 0, 0), (0.1, 0.1, 0.1)) for i, id in enumerate(("taken", "squeezed", "a", "b", "slippery"))]
-    report = engine.spawn(
-        world(
-            *boxes,
-            body("invisible", (9, 0, 0), (1, 1, 1), mesh="Ghost"),
-            prismatic_joint("weak", "a", "b", (0, 0, 0)),
-            prismatic_joint("strong", "a", "b", (0, 0, 0)),
-            prismatic_joint("loose", "a", "taken", (0, 0, 0)),
-            attachment("a", "slippery"),
-            attachment("a", "b"),
+    report = engine.apply(
+        Spawn(
+            world(
+                *boxes,
+                body("invisible", (9, 0, 0), (1, 1, 1), mesh="Ghost"),
+                prismatic_joint("weak", "a", "b", (0, 0, 0)),
+                prismatic_joint("strong", "a", "b", (0, 0, 0)),
+                prismatic_joint("loose", "a", "taken", (0, 0, 0)),
+                attachment("a", "slippery"),
+                attachment("a", "b"),
+            )
         )
-    )
+    ).report
     reasons = {failure.id: failure.reason for failure in report.failed_bodies}
     assert reasons.keys() == {"taken", "squeezed", "invisible"}
     assert "the id 'taken' is taken" in reasons["taken"]
@@ -202,15 +207,15 @@ def test_failures_are_reported_with_reasons_and_the_rest_is_spawned(
 def test_a_request_refused_by_the_plugin_is_a_world_error_and_changes_nothing(
     engine: UnrealEngine, plugin: FakeUnrealPlugin
 ) -> None:
-    engine.spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1), "dynamic", 1.0)))
+    engine.apply(Spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1), "dynamic", 1.0))))
     plugin.unbreakable_failures, plugin.obstructed = {"box"}, {"box"}
     box, before = BodyId("box"), engine.snapshot()
     with pytest.raises(PoseUnreachableError):
-        engine.set_pose(box, Pose((5, 5, 5)))
+        engine.apply(SetPoses({box: Pose((5, 5, 5))}))
     for refused in (
-        lambda: engine.set_physics(box, BodyPhysics(mobility=Mobility.STATIC)),
-        lambda: engine.set_materials(box, (Material(name="Oak"),)),
-        lambda: engine.attach(BodyId("floor"), box),
+        lambda: engine.apply(SetPhysics(box, BodyPhysics(mobility=Mobility.STATIC))),
+        lambda: engine.apply(SetMaterials(box, (Material(name="Oak"),))),
+        lambda: engine.apply(Attach(BodyId("floor"), box)),
         lambda: engine.highlight([box], (1, 0, 0)),
     ):
         with pytest.raises(WorldError, match="without a reason"):
@@ -220,7 +225,7 @@ def test_a_request_refused_by_the_plugin_is_a_world_error_and_changes_nothing(
 
 
 def test_operations_without_a_service_are_unsupported(engine: UnrealEngine) -> None:
-    engine.spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1), "dynamic", 1.0)))
+    engine.apply(Spawn(world(FLOOR, body("box", (0, 0, 1), (1, 1, 1), "dynamic", 1.0))))
     engine.apply_force(BodyId("floor"), (1, 0, 0))  # a static body ignores forces
     with pytest.raises(UnsupportedByEngineError, match="cannot apply forces; move bodies"):
         engine.apply_force(BodyId("box"), (1, 0, 0))
@@ -236,7 +241,7 @@ def test_operations_without_a_service_are_unsupported(engine: UnrealEngine) -> N
 def test_bodies_are_outlined_in_the_nearest_available_color(
     color: tuple[float, float, float] | None, code: int, engine: UnrealEngine, plugin: FakeUnrealPlugin
 ) -> None:
-    engine.spawn(world(FLOOR))
+    engine.apply(Spawn(world(FLOOR)))
     engine.highlight([BodyId("floor")], color)
     assert plugin.actors["floor"].color == code
     assert plugin.calls[-1] == "highlight_models"
@@ -262,19 +267,19 @@ def test_models_are_placed_by_the_origins_of_their_meshes(
     cupboards = [LoggedBody(f"cupboard{n}", "Cupboard", (0.6, 0.6, 0.9), (n, 0.0, 0.45)) for n in range(3)]
     (tmp_path / "map.ttl").write_text(logged_map([wall, *cupboards]), encoding="utf-8")
     logged = knowledge_base_from(tmp_path / "map.ttl").world()
-    engine.spawn(logged)
+    engine.apply(Spawn(logged))
     id = BodyId(individual_id("wall"))
     model = plugin.actors[id].model["pose"]["position"]
     assert (model["x"], model["y"], model["z"]) == pytest.approx((1.0, 2.0, 0.0))
     assert engine.snapshot().body(id).pose == logged.body(id).pose
-    engine.set_pose(id, Pose((3.0, 4.0, 1.25), YAW_30))
+    engine.apply(SetPoses({id: Pose((3.0, 4.0, 1.25), YAW_30)}))
     assert current_pose(engine, id)[:3] == pytest.approx((3.0, 4.0, 1.25), abs=1e-5)
 
 
 def test_clearing_deletes_only_what_mindstage_spawned(
     server: RosbridgeServer, engine: UnrealEngine, plugin: FakeUnrealPlugin
 ) -> None:
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     with RosbridgeClient(server.url) as foreign:
         foreign.wait_connected(20.0)
         model = {**plugin.actors["mug"].model, "id": "lamp_of_the_level", "tags": []}
@@ -288,20 +293,20 @@ def test_clearing_deletes_only_what_mindstage_spawned(
 def test_bodies_deleted_by_others_leave_the_snapshot_with_a_warning(
     engine: UnrealEngine, plugin: FakeUnrealPlugin, caplog: pytest.LogCaptureFixture
 ) -> None:
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     del plugin.actors["mug"]
     assert "mug" not in {each.id for each in engine.snapshot().bodies}
     assert "no longer in the world: mug" in caplog.text
 
 
 def test_a_restarted_level_is_reported_until_a_world_is_spawned(engine: UnrealEngine, plugin: FakeUnrealPlugin) -> None:
-    engine.spawn(room())
+    engine.apply(Spawn(room()))
     plugin.actors.clear()
     plugin.joints.clear()
-    for call in (engine.poses, engine.snapshot, lambda: engine.delete([BodyId("mug")])):
+    for call in (engine.poses, engine.snapshot, lambda: engine.apply(Delete((BodyId("mug"),)))):
         with pytest.raises(EngineUnavailableError, match="restarted"):
             call()
-    assert engine.spawn(room()).ok
+    assert engine.apply(Spawn(room())).report.ok
     assert len(plugin.actors) == len(room().bodies)
 
 
@@ -310,7 +315,7 @@ def test_after_a_disconnection_during_a_spawn_the_same_world_can_be_spawned(
 ) -> None:
     plugin.stops_after = 4
     with ThreadPoolExecutor(1) as other:
-        spawning = other.submit(engine.spawn, room())
+        spawning = other.submit(engine.apply, Spawn(room()))
         assert plugin.stopped.wait(TIMEOUT_S)
         plugin.close()
         with pytest.raises(EngineError, match="the provider of /unreal/spawn_semantic_map disconnected"):
@@ -319,7 +324,7 @@ def test_after_a_disconnection_during_a_spawn_the_same_world_can_be_spawned(
         engine.ping()
     plugin.connect()
     assert len(plugin.actors) == 4
-    assert engine.spawn(room()).ok
+    assert engine.apply(Spawn(room())).report.ok
     assert diff(room(), engine.snapshot()).identical(0.0)
 
 

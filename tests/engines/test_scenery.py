@@ -11,6 +11,7 @@ from mindstage.engines.mujoco.compiler import cull_static_contacts
 from mindstage.engines.mujoco.engine import ModelCache
 from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.edits import SetPoses, Spawn
 from mindstage.scene.transforms import pose_array
 from tests.engines.contract import apply_force_for, current_pose
 from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, world
@@ -33,7 +34,7 @@ def with_wall(x: float, *, y: float = 0.0) -> World:
 def unreached(position: World) -> set[str]:
     """The bodies that never reach the scenery, computed from the input of a model."""
     cache = ModelCache(0.002)
-    cache.add(position)
+    cache.apply(Spawn(position))
     model_input = cache.model_input()
     fixed = [found for found in position.bodies if found.id in {"floor", "wall"}]
     scenery = OrientedBoxes.from_poses(
@@ -55,40 +56,44 @@ def test_a_door_is_assumed_to_turn_fully(x: float, *, is_unreached: bool) -> Non
 
 def test_the_swept_box_of_an_open_drawer_includes_its_way_back() -> None:
     engine = MujocoEngine()
-    engine.spawn(with_wall(-0.65))
-    engine.set_pose(BodyId("drawer"), Pose((0.3, 0, 0.3)))
-    engine.spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1))))  # forces a new model
+    engine.apply(Spawn(with_wall(-0.65)))
+    engine.apply(SetPoses({BodyId("drawer"): Pose((0.3, 0, 0.3))}))
+    engine.apply(Spawn(world(body("lamp", (5, 5, 1), (0.1, 0.1, 0.1)))))  # forces a new model
     apply_force_for(engine, "drawer", (-20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(-0.3, abs=0.005)
 
 
 def test_a_wall_within_reach_stops_a_drawer() -> None:
     engine = MujocoEngine()
-    engine.spawn(with_wall(0.6))
+    engine.apply(Spawn(with_wall(0.6)))
     apply_force_for(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(0.6 - 0.05 - 0.3, abs=0.005)
 
 
 def test_a_wall_added_later_stops_a_drawer() -> None:
     engine = MujocoEngine()
-    engine.spawn(with_wall(2.0))
+    engine.apply(Spawn(with_wall(2.0)))
     engine.step(0.01)
-    engine.set_pose(BodyId("wall"), Pose((0.6, 0, 1.0)))
+    engine.apply(SetPoses({BodyId("wall"): Pose((0.6, 0, 1.0))}))
     apply_force_for(engine, "drawer", (20.0, 0.0, 0.0), 2.0)
     assert current_pose(engine, "drawer")[0] == pytest.approx(0.25, abs=0.005)
 
 
 def test_a_kinematic_body_is_scenery_until_it_moves_and_then_needs_no_new_model() -> None:
     engine = MujocoEngine()
-    engine.spawn(
-        world(FLOOR, body("one", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("two", (3, 0, 1), (1, 1, 1), "kinematic"))
+    engine.apply(
+        Spawn(
+            world(
+                FLOOR, body("one", (0, 0, 1), (1, 1, 0.1), "kinematic"), body("two", (3, 0, 1), (1, 1, 1), "kinematic")
+            )
+        )
     )
     engine.step(0.01)
     assert not engine._cache.model().mocap_ids
-    engine.set_pose(BodyId("one"), Pose((0, 0, 2)))
+    engine.apply(SetPoses({BodyId("one"): Pose((0, 0, 2))}))
     model = engine._cache.model().model
-    engine.set_pose(BodyId("two"), Pose((3, 0, 2)))
-    engine.set_pose(BodyId("one"), Pose((0, 0, 3)))
+    engine.apply(SetPoses({BodyId("two"): Pose((3, 0, 2))}))
+    engine.apply(SetPoses({BodyId("one"): Pose((0, 0, 3))}))
     assert engine._cache.model().model is model
     assert model.nmocap == 2
     assert [current_pose(engine, id)[2] for id in ("one", "two")] == [3.0, 2.0]
@@ -96,22 +101,24 @@ def test_a_kinematic_body_is_scenery_until_it_moves_and_then_needs_no_new_model(
 
 def test_the_first_move_of_a_kinematic_body_carries_what_it_supports() -> None:
     engine = MujocoEngine()
-    engine.spawn(
-        world(
-            FLOOR,
-            body("tray", (0, 0, 1), (1, 1, 0.1), "kinematic"),
-            body("cup", (0, 0, 1.1), (0.1,) * 3, "dynamic", 0.3),
+    engine.apply(
+        Spawn(
+            world(
+                FLOOR,
+                body("tray", (0, 0, 1), (1, 1, 0.1), "kinematic"),
+                body("cup", (0, 0, 1.1), (0.1,) * 3, "dynamic", 0.3),
+            )
         )
     )
     engine.step(2.0)  # the cup falls asleep
-    engine.set_pose(BodyId("tray"), Pose((5, 0, 1)))
+    engine.apply(SetPoses({BodyId("tray"): Pose((5, 0, 1))}))
     engine.step(1.5)
     assert current_pose(engine, "cup")[2] == pytest.approx(0.05, abs=0.01)
 
 
 def test_contacts_with_scenery_out_of_reach_are_excluded() -> None:
     engine = MujocoEngine()
-    engine.spawn(with_wall(2.0))
+    engine.apply(Spawn(with_wall(2.0)))
     compiled = engine._cache.model()
     pairs = {(int(each) >> 16, int(each) & 0xFFFF) for each in compiled.model.exclude_signature}
     assert (0, compiled.body_ids[BodyId("drawer")]) in pairs

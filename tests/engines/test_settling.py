@@ -7,13 +7,14 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mindstage.engines import SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.collision_filter import TOUCH_TOLERANCE_M
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.engines.place import find_ground_height, find_unsupported
 from mindstage.scene import Body, BodyId, CollisionShapeType, GeometryMap, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import normalize
 from tests.engines.geometries import single_shape_geometry, table_geometry
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, revolute_joint, world
@@ -24,7 +25,8 @@ TABLE = body("table", (0, 0, 0.35), (1.2, 0.8, 0.7))
 
 def spawned(described: World, geometry: GeometryMap | None = None) -> tuple[SpawnReport, dict[str, np.ndarray]]:
     """The report of a spawn, and the poses of the bodies that it moved."""
-    report, moved = PhysicsModelBuilder().add(described, NO_POSES, geometry=geometry or {})
+    performed = PhysicsModelBuilder().apply(Spawn(described, geometry=geometry or {}), NO_POSES)
+    report, moved = performed.report, performed.moved
     return report, {str(id): pose for id, pose in moved.items()}
 
 
@@ -113,9 +115,9 @@ def test_the_contents_of_nested_containers_stay_inside() -> None:
 
 def test_a_running_world_is_only_moved_out_of_what_is_new() -> None:
     engine = MujocoEngine()
-    engine.spawn(world(FLOOR, body("cup", (0, 0, 0.05), (0.1, 0.1, 0.1), "dynamic", 0.3)))
+    engine.apply(Spawn(world(FLOOR, body("cup", (0, 0, 0.05), (0.1, 0.1, 0.1), "dynamic", 0.3))))
     engine.step(0.5)
-    engine.spawn(world(body("mat", (0, 0, 0.015), (0.5, 0.5, 0.03))))
+    engine.apply(Spawn(world(body("mat", (0, 0, 0.015), (0.5, 0.5, 0.03)))))
     engine.step(1.0)
     assert engine.poses()[1][1, 2] == pytest.approx(0.08, abs=0.002)
 
@@ -123,7 +125,7 @@ def test_a_running_world_is_only_moved_out_of_what_is_new() -> None:
 def test_without_settling_overlapping_pairs_do_not_collide() -> None:
     engine = MujocoEngine()
     box = body("box", (0, 0, 0.0), (0.2, 0.2, 0.2), "dynamic", 1.0)
-    report = engine.spawn(world(FLOOR, box), options=SpawnOptions(settle=False))
+    report = engine.apply(Spawn(world(FLOOR, box), settle=False)).report
     assert [note.kind for note in report.notes] == [SpawnNoteKind.OVERLAP]
     engine.step(0.5)
     assert engine.poses()[1][1, 2] < -1.0
@@ -153,7 +155,7 @@ def cluttered_worlds(draw: st.DrawFn) -> World:
 @example(world(FLOOR, body("dynamic0", (0.0, 0.0, 0.0), (0.5, 0.5, 0.5), "dynamic", 1.0)))
 def test_after_the_spawn_no_pair_that_collides_overlaps(described: World) -> None:
     builder = PhysicsModelBuilder()
-    builder.add(described, NO_POSES)
+    builder.apply(Spawn(described), NO_POSES)
     ids, poses = builder.registry.ids, described_poses(described)
     for row, id in enumerate(ids):
         poses[row] = builder.settled[id].pose if id in builder.settled else poses[row]
@@ -175,7 +177,7 @@ def described_poses(described: World) -> np.ndarray:
 @given(described=cluttered_worlds())
 def test_a_loose_and_a_fixed_body_are_never_excluded_from_contact(described: World) -> None:
     builder = PhysicsModelBuilder()
-    builder.add(described, NO_POSES)
+    builder.apply(Spawn(described), NO_POSES)
     for a, b in builder.excluded_pairs():
         contained = any({a, b} <= {outer, *inner} for outer, inner in builder.collision_filter.contents.items())
         assert (

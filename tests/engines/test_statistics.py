@@ -8,6 +8,7 @@ from mindstage import MujocoEngine, NullEngine, World
 from mindstage.engines import Capability, Engine, EngineStats
 from mindstage.errors import EngineClosedError
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose
+from mindstage.scene.edits import Delete, Spawn
 
 NOTHING = EngineStats(movable=0, awake=0, contacts=0)
 
@@ -28,7 +29,7 @@ def room(height_m: float) -> World:
 def test_a_falling_body_is_awake_and_a_resting_one_has_contacts_and_falls_asleep() -> None:
     engine = MujocoEngine(timestep_s=0.002)
     assert engine.stats() == EngineStats(movable=0, awake=0, contacts=0, timestep_s=0.002)
-    engine.spawn(room(0.3))
+    engine.apply(Spawn(room(0.3)))
     engine.step(0.1)
     falling = engine.stats()
     assert (falling.movable, falling.awake, falling.contacts) == (1, 1, 0)
@@ -44,10 +45,10 @@ def test_a_falling_body_is_awake_and_a_resting_one_has_contacts_and_falls_asleep
 
 def test_reading_statistics_does_not_compile_pending_edits() -> None:
     engine = MujocoEngine()
-    engine.spawn(room(0.0))
+    engine.apply(Spawn(room(0.0)))
     engine.step(0.1)
     before = engine.stats()
-    engine.delete([BodyId("brick")])
+    engine.apply(Delete((BodyId("brick"),)))
     assert engine.stats() == before
     engine.step(0.1)
     assert engine.stats().movable == 0
@@ -55,7 +56,7 @@ def test_reading_statistics_does_not_compile_pending_edits() -> None:
 
 def test_a_static_world_has_nothing_awake() -> None:
     engine = NullEngine()
-    engine.spawn(room(1.0))
+    engine.apply(Spawn(room(1.0)))
     assert engine.stats() == NOTHING
 
 
@@ -69,5 +70,5 @@ def test_a_closed_engine_has_no_statistics(engine: Engine) -> None:
 
 def test_the_repr_of_a_report_counts_failures() -> None:
     engine = NullEngine()
-    assert "nothing failed" in repr(engine.spawn(room(1.0)))
-    assert "2 failed" in repr(engine.spawn(room(1.0))), "the ids are taken"
+    assert "nothing failed" in repr(engine.apply(Spawn(room(1.0))).report)
+    assert "2 failed" in repr(engine.apply(Spawn(room(1.0))).report), "the ids are taken"

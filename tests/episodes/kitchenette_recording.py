@@ -7,6 +7,7 @@ from functools import cache
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Attach, Detach, SetPoses
 from tests.kitchenette import kitchenette
 
 FRAMES_PER_S = 30
@@ -45,9 +46,9 @@ def kitchenette_recording(*, pull: float = 1.0) -> FrameRecording:
             if number == 2 * FRAMES_PER_S:
                 simulation.release()
                 set_pose(simulation, Pose((1.0, 0.0, 1.5)))
-                simulation.run_on_engine(lambda engine: engine.attach(DRAWER, MUG), edits=True)
+                simulation.run_on_engine(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
             if number == 3 * FRAMES_PER_S:
-                simulation.run_on_engine(lambda engine: engine.detach(MUG), edits=True)
+                simulation.run_on_engine(lambda engine: engine.apply(Detach(MUG)), edits=True)
             frames.append(frame_of(simulation, number / FRAMES_PER_S, frames[-1] if frames else None))
             simulation.step(1 / FRAMES_PER_S)
     return FrameRecording(
@@ -56,7 +57,7 @@ def kitchenette_recording(*, pull: float = 1.0) -> FrameRecording:
 
 
 def set_pose(simulation: Simulation, pose: Pose) -> None:
-    simulation.run_on_engine(lambda engine: engine.set_pose(MUG, pose), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: pose})), edits=True)
 
 
 EVENTS = (

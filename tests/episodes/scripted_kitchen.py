@@ -21,6 +21,7 @@ import mindstage as ms
 from mindstage.engines import Engine
 from mindstage.episodes import EpisodeEventKind, EpisodeFrame
 from mindstage.scene import Body, BodyId, BodyPhysics, GeometryMap, Iri, Mobility, Pose, World
+from mindstage.scene.edits import Attach, Detach, SetPoses, Spawn
 from mindstage.scene.transforms import quat_angle, quat_conjugate, quat_rotate, rotation_matrix
 
 __all__ = ["Expected", "ScriptedEpisode", "kitchen_episode"]
@@ -143,7 +144,7 @@ class Stage:
             size=(0.06, 0.06, 0.06),
             physics=BodyPhysics(mobility=Mobility.KINEMATIC, gravity=False),
         )
-        engine.spawn(World(iri=Iri("http://example.org/script"), bodies=(gripper,)))
+        engine.apply(Spawn(World(iri=Iri("http://example.org/script"), bodies=(gripper,))))
         self.engine = engine
         self.log = Log()
         self.frames: list[EpisodeFrame] = []
@@ -213,7 +214,7 @@ class Stage:
         def act(share: float) -> None:
             self.place = start + share * (end - start)
             x, y, z = self.place.tolist()
-            self.engine.set_pose(BodyId(GRIPPER), Pose((x, y, z)))
+            self.engine.apply(SetPoses({BodyId(GRIPPER): Pose((x, y, z))}))
 
         self.run(duration_s, act)
 
@@ -227,11 +228,11 @@ class Stage:
         return self.now, height / duration_s
 
     def attach(self, thing: str) -> None:
-        self.engine.attach(BodyId(GRIPPER), BodyId(thing))
+        self.engine.apply(Attach(BodyId(GRIPPER), BodyId(thing)))
         self.structure = self.engine.snapshot()
 
     def detach(self, thing: str) -> None:
-        self.engine.detach(BodyId(thing))
+        self.engine.apply(Detach(BodyId(thing)))
         self.structure = self.engine.snapshot()
 
     def pull(self, handle: str, target: Callable[[float], np.ndarray], duration_s: float, stiffness: float) -> None:

@@ -37,6 +37,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.edits import SetPoses, Spawn
 from mindstage.simulation.interaction import Perturbations
 
 K = EpisodeEventKind
@@ -132,7 +133,7 @@ def simulated(
     structure: World, duration_s: float, act: Callable[[MujocoEngine, float], None] | None = None
 ) -> list[EpisodeFrame]:
     engine = MujocoEngine()
-    engine.spawn(structure)
+    engine.apply(Spawn(structure))
     frames: list[EpisodeFrame] = []
     structure = engine.snapshot()
     for _ in range(round(duration_s * RATE_HZ)):
@@ -257,7 +258,7 @@ def test_a_body_that_is_put_elsewhere_neither_falls_nor_slides_nor_is_carried(ta
 def test_a_body_that_an_edit_puts_elsewhere_has_the_contacts_of_the_new_place() -> None:
     def act(engine: MujocoEngine, time_s: float) -> None:
         if 1.0 <= time_s < 1.004:
-            engine.set_pose(BodyId("box"), Pose((2.0, 0.0, 0.1)))
+            engine.apply(SetPoses({BodyId("box"): Pose((2.0, 0.0, 0.1))}))
 
     structure = world(FLOOR, TABLE, body("box", (0.0, 0.0, 0.9), BOX_SIZE))
     supports = events_of(simulated(structure, 3.0, act), K.SUPPORT, K.FALL, K.SLIDE, K.TRANSPORT)

@@ -18,6 +18,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import WorldState
 from mindstage.maps.io.write import save_map, write_map
 from mindstage.scene import BodyId, Material, Pose, World
+from mindstage.scene.edits import Attach, Delete, Detach, SetMaterials, SetPoses
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 
@@ -74,17 +75,17 @@ def edited_run(simulation: Simulation, path: Path) -> LiveStates:
         simulation.pull(drawer, point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
         live.step(20)
         simulation.release()
-        edit(lambda engine: engine.set_pose(mug, Pose((1.0, 0.5, 0.6), (0.0, 1.0, 0.0, 0.0))))
+        edit(lambda engine: engine.apply(SetPoses({mug: Pose((1.0, 0.5, 0.6), (0.0, 1.0, 0.0, 0.0))})))
         live.step(10)
         spoon = replace(kitchenette().body("Mug"), id=body("Spoon"), pose=Pose((1.0, -1.0, 1.0)))
         simulation.spawn(World(iri=spoon.iri, bodies=(spoon,)), persistent=False)
         live.take()
         live.step(5)
-        edit(lambda engine: engine.attach(drawer, body("Spoon")))
+        edit(lambda engine: engine.apply(Attach(drawer, body("Spoon"))))
         live.step(3)
-        edit(lambda engine: engine.set_materials(mug, (Material(name="red", color=(1.0, 0.0, 0.0)),)))
-        edit(lambda engine: engine.detach(body("Spoon")))
-        edit(lambda engine: engine.delete([mug]))
+        edit(lambda engine: engine.apply(SetMaterials(mug, (Material(name="red", color=(1.0, 0.0, 0.0)),))))
+        edit(lambda engine: engine.apply(Detach(body("Spoon"))))
+        edit(lambda engine: engine.apply(Delete((mug,))))
         live.step(10)
         simulation.reset()
         live.take()
@@ -203,7 +204,9 @@ def test_a_simulation_is_continued_from_any_time(simulation: Simulation, tmp_pat
 
 def test_a_body_falls_on_where_the_simulation_is_continued(simulation: Simulation, tmp_path: Path) -> None:
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
-        simulation.run_on_engine(lambda engine: engine.set_pose(body("Mug"), Pose((0.0, 0.0, 2.0))), edits=True)
+        simulation.run_on_engine(
+            lambda engine: engine.apply(SetPoses({body("Mug"): Pose((0.0, 0.0, 2.0))})), edits=True
+        )
         simulation.step(0.3)
         at = recorder.time_s
         simulation.step(1.0)
@@ -243,7 +246,9 @@ def test_the_knowledge_base_answers_without_the_original_files(tmp_path: Path) -
 def test_the_maps_at_begin_and_end_are_the_worlds_of_then(simulation: Simulation, tmp_path: Path) -> None:
     with Recorder(simulation, tmp_path / "run.mcap"):
         begin = simulation.snapshot()
-        simulation.run_on_engine(lambda engine: engine.set_pose(body("Mug"), Pose((0.0, 0.5, 0.05))), edits=True)
+        simulation.run_on_engine(
+            lambda engine: engine.apply(SetPoses({body("Mug"): Pose((0.0, 0.5, 0.05))})), edits=True
+        )
         simulation.step(0.5)
         end = simulation.snapshot()
     with Episode(tmp_path / "run.mcap") as episode:

@@ -19,6 +19,7 @@ from mindstage.episodes.mcap_file import EpisodeFile, repair
 from mindstage.errors import EpisodeError, EpisodeFileError, EpisodeTimeError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Pose, World
+from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 
@@ -42,10 +43,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
             for number in range(12):
                 x = 0.2 * number - 1.0
                 simulation.run_on_engine(
-                    lambda engine, x=x: engine.set_pose(BodyId("Mug"), Pose((x, -1.0, 0.6))), edits=True
+                    lambda engine, x=x: engine.apply(SetPoses({BodyId("Mug"): Pose((x, -1.0, 0.6))})), edits=True
                 )
                 if number == 6:
-                    simulation.run_on_engine(lambda engine: engine.delete([BodyId("FridgeHandle")]), edits=True)
+                    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("FridgeHandle"),))), edits=True)
                 simulation.step(0.3)
     with Episode(path) as episode:
         TRUTH.update({frame.time_s: frame.world() for frame in episode.frames()})

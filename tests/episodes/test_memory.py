@@ -21,6 +21,7 @@ from mindstage.episodes.memory import INDEX_NAME, EpisodeMemory
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId
+from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import pose_array
 from mindstage.simulation import Simulation
 from tests.kitchenette import MAP, kitchenette
@@ -211,7 +212,7 @@ def test_recorded_files_answer_as_each_of_them_does(tmp_path: Path) -> None:
         simulation.spawn(kitchenette())
         with Recorder(simulation, tmp_path / "one.mcap"):
             simulation.step(0.2)
-            simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+            simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
             simulation.step(0.5)
         shutil.copy(tmp_path / "one.mcap", tmp_path / "two.mcap")
         (tmp_path / "three.mcap").write_bytes((tmp_path / "one.mcap").read_bytes()[:40])

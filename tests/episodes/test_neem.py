@@ -262,6 +262,25 @@ def test_a_neem_of_knowrob_is_read_for_a_known_map(tmp_path: Path) -> None:
     assert neem.unmatched_frames == ("base_link",)
 
 
+@pytest.mark.parametrize("place", ["Supporter", "Container", "Location", "Destination", "Origin"])
+def test_participants_without_labels_are_told_apart_by_the_classes_of_their_roles(tmp_path: Path, place: str) -> None:
+    write_knowrob_neem(tmp_path)
+    triples = tmp_path / "triples" / "triples.json"
+    bodies = {each.id: each.iri for each in kitchenette().bodies}
+    task, action = SOMA + "Task_1", DUL + "Action_QWER"
+    more = [(action, DUL + "hasParticipant", bodies["Fridge"])]
+    for body, role in (("Mug", "Patient"), ("Fridge", place)):
+        more += [
+            (task, DUL + "isTaskOf", SOMA + f"{role}_1"),
+            (bodies[body], DUL + "hasRole", SOMA + f"{role}_1"),
+            (SOMA + f"{role}_1", TYPE, SOMA + role),
+        ]
+    lines = [json.dumps(dict(zip("spo", triple, strict=True))) for triple in more]
+    triples.write_text("\n".join([*lines, triples.read_text()]))  # the place is the first participant
+    (event,) = read_neem(tmp_path, kitchenette()).events()
+    assert (event.thing, event.other, event.agent) == ("Mug", "Fridge", "PR2_0")
+
+
 def test_a_task_that_is_no_kind_of_event_is_reported(tmp_path: Path) -> None:
     write_knowrob_neem(tmp_path, task="Navigating")
     triples = tmp_path / "triples" / "triples.json"

@@ -26,6 +26,7 @@ from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.scene.edits import Attach, Delete, SetPoses
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
 from tests.conftest import missing
@@ -43,7 +44,9 @@ def drop_the_mug(simulation: Simulation, path: Path) -> dict[float, np.ndarray]:
     """Records a falling mug; returns its live pose by time."""
     live = {}
     with Recorder(simulation, path) as recorder:
-        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
+        simulation.run_on_engine(
+            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True
+        )
         for _ in range(30):
             simulation.step(1 / 30)
             live[recorder.time_s] = simulation.state.poses[simulation.state.ids.index(BodyId("Mug"))].copy()
@@ -146,18 +149,18 @@ def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulati
         simulation.step(0.5)
         at = recorder.time_s
         with as_client("viewer"):
-            simulation.run_on_engine(lambda engine: engine.set_pose(mug, Pose((0.0, 0.0, 0.05))), edits=True)
+            simulation.run_on_engine(lambda engine: engine.apply(SetPoses({mug: Pose((0.0, 0.0, 0.05))})), edits=True)
             simulation.highlight("Mug", "green", label="look")
         simulation.step(0.5)
         answers = simulation.ask("where_is", "Mug")
         with simulation.imagine() as copy:
-            copy.run_on_engine(lambda engine: engine.delete([mug]), edits=True)
+            copy.run_on_engine(lambda engine: engine.apply(Delete((mug,))), edits=True)
         with pytest.raises(Exception, match="Teapot"):
-            simulation.run_on_engine(lambda engine: engine.delete([BodyId("Teapot")]), edits=True)
+            simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Teapot"),))), edits=True)
     with Episode(tmp_path / "run.mcap") as episode:
         edits = episode.edits()
     assert [(each.kind, each.client) for each in edits] == [
-        ("set pose", "viewer"),
+        ("set poses", "viewer"),
         ("highlight", "viewer"),
         ("question", "Python"),
         ("imagination", "Python"),
@@ -194,12 +197,16 @@ def test_events_detected_while_recording_are_those_detected_from_the_file(
 ) -> None:
     simulation.step(0.5)
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
-        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
+        simulation.run_on_engine(
+            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True
+        )
         simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
         simulation.step(1.5)
         simulation.release()
         simulation.step(4.0)  # a rest, of which not all frames are searched
-        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.5, 1.0))), edits=True)
+        simulation.run_on_engine(
+            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.5, 1.0))})), edits=True
+        )
         simulation.step(2.0)
         assert recorder.recording
     with Episode(tmp_path / "run.mcap") as episode:
@@ -232,8 +239,25 @@ def lift(simulation: Simulation, height: float) -> None:
     x, y, z = simulation.snapshot().body("Hand").pose.position
     for number in range(1, 11):
         place = Pose((x, y, z + height * number / 10))
-        edit(simulation, lambda engine, place=place: engine.set_pose(HAND.id, place))  # type: ignore[misc]
+        edit(simulation, lambda engine, place=place: engine.apply(SetPoses({HAND.id: place})))  # type: ignore[misc]
         simulation.step(1 / 30)
+
+
+def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        simulation.step(1.0)
+        simulation.undo_stack.reset()
+        assert simulation.state.time_s == 0.0
+        simulation.step(0.2)
+        assert recorder.time_s == pytest.approx(1.2, abs=0.04)
+        simulation.undo_stack.undo()
+        assert simulation.state.time_s == pytest.approx(1.0)
+        simulation.step(0.2)
+        assert recorder.time_s == pytest.approx(1.4, abs=0.04)
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(1.4, abs=0.04)
 
 
 def put_into_an_empty_world(simulation: Simulation) -> None:
@@ -243,21 +267,21 @@ def put_into_an_empty_world(simulation: Simulation) -> None:
 
 
 def lift_and_delete_the_hand(simulation: Simulation) -> None:
-    edit(simulation, lambda engine: engine.attach(HAND.id, MUG))
+    edit(simulation, lambda engine: engine.apply(Attach(HAND.id, MUG)))
     lift(simulation, 0.3)
-    edit(simulation, lambda engine: engine.delete([HAND.id]))
+    edit(simulation, lambda engine: engine.apply(Delete((HAND.id,))))
 
 
 def delete_the_hand_at_once(simulation: Simulation) -> None:
-    edit(simulation, lambda engine: engine.attach(HAND.id, MUG))
+    edit(simulation, lambda engine: engine.apply(Attach(HAND.id, MUG)))
     simulation.step(0.2)
-    edit(simulation, lambda engine: engine.delete([HAND.id]))
+    edit(simulation, lambda engine: engine.apply(Delete((HAND.id,))))
 
 
 def delete_the_support(simulation: Simulation) -> None:
     def change(engine: Engine) -> None:
-        engine.delete([BodyId("Cupboard"), BodyId("Drawer"), BodyId("DrawerHandle")])
-        engine.attach(HAND.id, MUG)
+        engine.apply(Delete((BodyId("Cupboard"), BodyId("Drawer"), BodyId("DrawerHandle"))))
+        engine.apply(Attach(HAND.id, MUG))
 
     edit(simulation, change)
 
@@ -290,7 +314,9 @@ def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
 ) -> None:
     simulation.step(0.5)
     with Recorder(simulation, tmp_path / "without.mcap", events=False), Recorder(simulation, tmp_path / "with.mcap"):
-        simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.0, 0.0, 1.0))), edits=True)
+        simulation.run_on_engine(
+            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True
+        )
         simulation.step(1.0)
     with Episode(tmp_path / "without.mcap") as without, Episode(tmp_path / "with.mcap") as recorded:
         assert not without.header.has_events

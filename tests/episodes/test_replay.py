@@ -14,6 +14,7 @@ from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.engines import Capability
 from mindstage.episodes import EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder
 from mindstage.episodes.episode import Episode
+from mindstage.episodes.history import EpisodeHistory
 from mindstage.episodes.replay import EpisodeReplay, knowledge_of
 from mindstage.errors import (
     BodyNotFoundError,
@@ -23,6 +24,7 @@ from mindstage.errors import (
     UnsupportedByEngineError,
 )
 from mindstage.scene import Body, BodyId, Iri, Pose, World
+from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import normalized_pose_array, quat_angle
 from tests.episodes.kitchenette_recording import DRAWER, EVENTS, MUG, frame_of, kitchenette_recording
 from tests.kitchenette import MAP, kitchenette
@@ -123,6 +125,20 @@ def test_events_are_visited_in_both_directions_and_by_kind(replay: EpisodeReplay
     assert replay.seek_event(kinds={EpisodeEventKind.FALL}) == falling
 
 
+def test_the_events_of_a_history_are_those_of_its_recording_with_the_names_of_bodies() -> None:
+    recording = kitchenette_recording()
+    iris = {each.id: each.iri for world in recording.spawned for each in (*world.bodies, *world.joints)}
+    found = EpisodeHistory(recording, name="run").events()
+    assert len(found) == len(EVENTS)
+    for event, past in zip(EVENTS, found, strict=True):
+        assert (past.episode, past.id, past.kind) == ("run", event.id, event.kind.value)
+        assert (past.begin_s, past.end_s, past.episode_end_s) == (event.begin_s, event.end_s, 4.0)
+        names = (past.thing, past.other, past.agent, past.joint)
+        given = (event.thing, event.other, event.agent, event.joint)
+        assert names == tuple(None if id is None else iris[id] for id in given)
+        assert (past.amount, past.evidence) == (event.amount, event.evidence)
+
+
 @pytest.mark.parametrize(
     ("edit", "what"),
     [
@@ -207,7 +223,7 @@ def test_bodies_that_were_added_and_deleted_exist_at_their_times_only() -> None:
         jug = Body(id=BodyId("Jug"), iri=Iri(MAP + "Jug"), cls=Iri(MAP + "Jug"), pose=Pose((0.0, 0.0, 1.0)))
         simulation.spawn(World(iri=Iri(MAP + "map"), name="map", bodies=(jug,)), persistent=False)
         frames.append(frame_of(simulation, 1.0, frames[-1]))
-        simulation.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+        simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
         frames.append(frame_of(simulation, 2.0, frames[-1]))
     with EpisodeReplay(FrameRecording(frames), KnowledgeBase(), at_s=1.0) as replay:
         assert {"Jug", "Mug"} <= set(replay.state.ids)

@@ -16,6 +16,7 @@ from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.engines.remote.godot_process import isolated_environment
 from mindstage.errors import UnsupportedByEngineError
 from mindstage.scene import BodyId, diff
+from mindstage.scene.edits import Delete, Spawn
 from tests.engines.scenes import room
 from tests.godot.project import run
 
@@ -93,7 +94,7 @@ def with_room(editor_and_engine: tuple[Editor, RemoteEngine]) -> tuple[Editor, R
     """The same with `scenes.room` in the scene."""
     editor, engine = editor_and_engine
     engine.clear()
-    assert engine.spawn(room()).ok
+    assert engine.apply(Spawn(room())).report.ok
     return editor, engine
 
 
@@ -123,7 +124,7 @@ def test_a_body_moved_by_hand_has_its_new_pose_in_the_snapshot(with_room: tuple[
 
 def test_edits_from_the_wire_can_be_undone_and_redone(with_room: tuple[Editor, RemoteEngine]) -> None:
     editor, engine = with_room
-    engine.delete([BodyId("fridge")])
+    engine.apply(Delete((BodyId("fridge"),)))
     assert "fridge" not in editor.execute("nodes")
     editor.execute("undo")
     assert editor.execute("nodes") == names()

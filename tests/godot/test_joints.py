@@ -10,6 +10,7 @@ import pytest
 
 from mindstage.engines.remote.godot import GodotEngine
 from mindstage.scene import AngularLimits, AxisMotion, BodyId, Iri, Joint, LinearLimits, Pose
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import quat_angle
 from tests.engines.contract import current_pose
 from tests.engines.scenes import body, world
@@ -50,7 +51,7 @@ def test_any_combination_of_axes_moves_as_described(
         angular=AngularLimits(swing1=angular[0], swing2=angular[1], twist=angular[2], swing1_limit=LIMIT_RAD),
     )
     arm = body("arm", (0.5, 0, 1), (0.3, 0.1, 0.1), "dynamic", 1.0, gravity=False)
-    assert engine.spawn(world(body("base", (0, 0, 1), (0.2, 0.2, 0.2)), arm, joint)).ok
+    assert engine.apply(Spawn(world(body("base", (0, 0, 1), (0.2, 0.2, 0.2)), arm, joint))).report.ok
     for _ in range(75):
         x, y, z = current_pose(engine, "arm")[:3].tolist()
         engine.apply_force(BodyId("arm"), (6.0, 5.0, 4.0), (x + 0.005, y + 0.003, z + 0.002))

@@ -16,6 +16,7 @@ from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.engines.remote.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose
+from mindstage.scene.edits import SetPhysics, SetPoses, Spawn
 from tests.engines.scenes import FLOOR, body, world
 
 LONG_S = 60.0
@@ -69,11 +70,11 @@ def test_overlap_events_are_published_as_they_begin_and_end(connected: Connected
         "/lab/place/overlaps", lambda message: messages.append(json.loads(message["data"]))
     )
     ball = body("ball", (0.3, 0.2, 0.4), (0.2, 0.2, 0.2), "dynamic", 1.0)
-    assert connected.engine.spawn(world(FLOOR, ball)).ok
+    assert connected.engine.apply(Spawn(world(FLOOR, ball))).report.ok
     connected.engine.step(0.5)
-    connected.engine.set_physics(FLOOR_ID, WITH_OVERLAP_EVENTS)  # from now on
+    connected.engine.apply(SetPhysics(FLOOR_ID, WITH_OVERLAP_EVENTS))  # from now on
     connected.engine.step(0.1)
-    connected.engine.set_pose(BALL, Pose((0.3, 0.2, 3.0)))
+    connected.engine.apply(SetPoses({BALL: Pose((0.3, 0.2, 3.0))}))
     connected.engine.step(0.1)
     wait_for(lambda: len(messages) == 2)
     assert [(each["body"], each["other"], each["began"]) for each in messages] == [
@@ -81,7 +82,7 @@ def test_overlap_events_are_published_as_they_begin_and_end(connected: Connected
         ("floor", "ball", False),
     ]
     assert messages[0]["time_s"] < messages[1]["time_s"]
-    connected.engine.set_physics(FLOOR_ID, BodyPhysics(mobility=Mobility.STATIC))
+    connected.engine.apply(SetPhysics(FLOOR_ID, BodyPhysics(mobility=Mobility.STATIC)))
     connected.engine.step(1.5)  # the ball falls on it again
     subscription.close()
     assert len(messages) == 2
@@ -90,7 +91,9 @@ def test_overlap_events_are_published_as_they_begin_and_end(connected: Connected
 def test_poses_are_published_while_time_runs(connected: Connected) -> None:
     messages: list[Any] = []
     subscription = connected.hub.subscribe("/lab/place/tf", messages.append)
-    assert connected.engine.spawn(world(FLOOR, body("ball", (1, 2, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0))).ok
+    assert connected.engine.apply(
+        Spawn(world(FLOOR, body("ball", (1, 2, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+    ).report.ok
     connected.hub.call_service("/lab/place/mindstage/set_speed", {"speed": 1.0}, timeout_s=LONG_S)
     try:
         wait_for(lambda: messages and heights(messages)[-1] == pytest.approx(0.1, abs=0.002))

@@ -26,9 +26,10 @@ from mindstage.imagination import (
 from mindstage.knowledge import KnowledgeBase
 from mindstage.registry import Group, added
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots.skills.declaration import ThingName, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Attach, Detach, SetPoses
 from mindstage.simulation import Simulation, SimulationImage
 from tests.engines.scenes import body, world
 
@@ -112,11 +113,11 @@ def carry_down(task: SkillTask, id: BodyId, *, to_m: float) -> Generator[float, 
     top = 0.5
     yield from robot.moving_to({"lift_joint": 0.9})
     x, y, _ = robot.link_pose(robot.gripper().link)[:3].tolist()
-    task.session.run_on_engine(lambda engine: engine.set_pose(id, Pose((x, y + 1.0, top))), edits=True)
-    task.session.run_on_engine(lambda engine: engine.attach(hand, id), edits=True)
+    task.session.run_on_engine(lambda engine: engine.apply(SetPoses({id: Pose((x, y + 1.0, top))})), edits=True)
+    task.session.run_on_engine(lambda engine: engine.apply(Attach(hand, id)), edits=True)
     yield 0.05
     yield from robot.moving_to({"lift_joint": 0.9 - (top - to_m)})
-    task.session.run_on_engine(lambda engine: engine.detach(id), edits=True)
+    task.session.run_on_engine(lambda engine: engine.apply(Detach(id)), edits=True)
     yield 0.6
 
 

@@ -16,6 +16,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question, list_questions
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 from tests.kitchenette import KNOWROB, MAP, kitchenette
 
@@ -109,6 +110,7 @@ def test_the_friction_and_the_height_of_a_push_decide_whether_a_pillar_tips(sim:
     assert {row.heading_deg for row in rows} == {0.0, 90.0, -180.0, -90.0}
     assert all(row.height_m == pytest.approx(0.4) and row.tilted_deg > 45 for row in rows)
     assert not sim.ask("would_tip", "Pillar", 1.0)
+    assert {row.push_n for row in sim.ask("would_tip", "Pillar")} == {5.0}
     low = sim.ask("would_tip", "Pillar", 6.0, height_m=0.02)
     assert not low
     assert "Pillar is not tipped by 6 N: it tilts by" in reasons(low)
@@ -344,7 +346,7 @@ class Unforkable(MujocoEngine):
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
     with Simulation(KnowledgeBase(), engine(), shapes=False) as sim:
         sim.spawn(kitchenette())
-        sim.run_on_engine(lambda running: running.set_pose(BodyId("Mug"), Pose((1.69, 0.2, 0.85))), edits=True)
+        sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()
         answers = sim.ask("stays", "Mug")
         assert not answers  # it overhangs in the present state, not in the map

@@ -117,6 +117,22 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         RayExecutor()
 
 
+@pytest.mark.parametrize(("file", "mode"), [("auth_token", "token"), ("other", None)])
+def test_a_cluster_gets_the_token_that_ray_has_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: str, mode: str | None
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for name in ("RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    (tmp_path / ".ray").mkdir()
+    (tmp_path / ".ray" / file).write_text("secret", encoding="utf-8")
+    with pytest.raises(ImaginationError, match="Ray is not installed"):
+        RayExecutor("ray://127.0.0.1:1")
+    assert os.environ.get("RAY_AUTH_MODE") == mode
+
+
 def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

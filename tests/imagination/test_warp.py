@@ -39,6 +39,7 @@ from mindstage.imagination import (
 )
 from mindstage.imagination.verdicts import make_executor
 from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation, SimulationImage
 from tests.engines.scenes import body, prismatic_joint, revolute_joint
 from tests.imagination.scenes import TABLE_HEIGHT_M, on_table, slope
@@ -295,7 +296,7 @@ class TestSamples:
 
         monkeypatch.setattr(WarpBatch, "__init__", record)
         lifted = SimulationImage.capture(sim).restore()
-        lifted.run_on_engine(lambda engine: engine.set_pose(BodyId("box"), Pose((-0.5, 0.0, 1.0))), edits=True)
+        lifted.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("box"): Pose((-0.5, 0.0, 1.0))})), edits=True)
         monkeypatch.setattr(warp_batch, "_MIN_CONTACTS", 1)
         monkeypatch.setattr(warp_batch, "_MARGIN", 1)
         assert execute(sim, NEAR_EDGE, on_cpu(3), count=3) == enough

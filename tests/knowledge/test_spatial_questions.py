@@ -33,6 +33,7 @@ from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import BodyId, Pose, World
+from mindstage.scene.edits import SetPoses
 from mindstage.scene.proximity import Direction
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
 from mindstage.simulation import Simulation
@@ -248,13 +249,13 @@ def test_milk_on_the_table_is_misplaced_until_it_is_back(kitchen: KnowledgeBase)
         assert not sim.ask("misplaced", thing="milk_carton_1")
         assert "is where it belongs: on or in fridge" in sim.ask("misplaced", thing="milk_carton_1").missing[0].reason
         before = kitchen.world().body("milk_carton_1").pose
-        sim.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((-0.1, -0.7, 0.85))))
+        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.85))})))
         (row,) = sim.ask("misplaced", thing="milk_carton_1")
         assert (names([row], "thing"), [local_name(each) for each in row.now]) == (["milk_carton_1"], ["table"])
         assert [local_name(each) for each in row.homes] == ["fridge"]
         assert row.source == "null"
         assert "milk_carton_1" in names(sim.ask("misplaced", cls="CowsMilk-Product"))
-        sim.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), before))
+        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): before})))
         assert not sim.ask("misplaced", thing="milk_carton_1")
     (missing,) = kitchen.ask("misplaced", thing="room_door").missing
     assert missing.reason.startswith("RoomDoorW90H205 has no ")
@@ -362,7 +363,7 @@ def test_a_body_stays_at_the_free_place(simulated: Simulation, relation: str, su
 
     def simulate(engine: MujocoEngine) -> Pose:
         before = engine.save_state()
-        engine.set_pose(id, row.pose)
+        engine.apply(SetPoses({id: row.pose}))
         engine.step(0.5)
         after = engine.snapshot().body(id).pose
         engine.restore_state(before)

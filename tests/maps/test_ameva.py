@@ -16,6 +16,7 @@ from mindstage.maps.dialects.unit_conversion import original_property
 from mindstage.rdf import Severity
 from mindstage.scene import AxisMotion, Body, Iri, Pose, World
 from mindstage.scene.bounding_boxes import world_bounds
+from mindstage.scene.edits import Spawn
 from tests.maps.small_maps import (
     KNOWROB,
     ReadMap,
@@ -301,7 +302,7 @@ def as_value(term: ox.NamedNode | ox.Literal | ox.BlankNode | ox.Triple) -> str:
 def test_a_real_map_is_stable_for_ten_seconds(task_two: tuple[World, KnowledgeBase]) -> None:
     world, _ = task_two
     engine = MujocoEngine()
-    assert engine.spawn(world).ok
+    assert engine.apply(Spawn(world)).report.ok
     ids, before = engine.poses()
     engine.step(10.0)
     _, after = engine.poses()

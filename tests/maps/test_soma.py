@@ -12,6 +12,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import LengthUnit, QuaternionOrder, UnitConventions, save_map
 from mindstage.scene import BodyId, PrimitiveType, World
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import rotation_matrix
 from tests.maps.dialect_maps import check_round_trip, finding_texts, joint_range, matrix_turtle, soma_map
 from tests.maps.small_maps import ReadMap, assert_worlds_equal, knowledge_base_from
@@ -194,7 +195,7 @@ def test_a_door_turns_about_the_edge_away_from_its_handle_and_away_from_its_case
 
 def test_a_door_opens_in_the_engine_as_far_as_its_joint_allows(read: ReadMap) -> None:
     engine = MujocoEngine()
-    assert engine.spawn(read(soma_map(DOOR_JOINT, CASE, DOOR, HANDLE))[0]).ok
+    assert engine.apply(Spawn(read(soma_map(DOOR_JOINT, CASE, DOOR, HANDLE))[0])).report.ok
     for _ in range(400):
         ids, poses = engine.poses()
         outwards = rotation_matrix(poses[ids.index(BodyId("handle"))][3:])[:, 0]
@@ -280,7 +281,7 @@ def test_the_sample_is_on_the_ground(kitchen: World) -> None:
 
 def test_the_sample_is_stable_for_ten_seconds_and_survives_a_round_trip(kitchen: World, tmp_path: Path) -> None:
     engine = MujocoEngine()
-    assert engine.spawn(kitchen).ok
+    assert engine.apply(Spawn(kitchen)).report.ok
     before = engine.poses()[1]
     engine.step(10.0)
     after = engine.poses()[1]

@@ -18,6 +18,7 @@ from mindstage.maps.urdf import is_urdf
 from mindstage.maps.urdf.model import UrdfLink, UrdfRobot
 from mindstage.maps.urdf.to_world import urdf_to_world
 from mindstage.scene import AxisMotion, BodyId, Iri, Joint, JointMimic, Mobility, PrimitiveType, World
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import rotation_matrix
 from mindstage.simulation import Simulation
 from tests.maps.dialect_maps import joint_range
@@ -150,7 +151,7 @@ def test_everything_survives_a_round_trip_including_xml(file: Path, tmp_path: Pa
 
 def test_it_is_stable_for_ten_seconds_and_its_drawer_opens_in_one_direction(file: Path) -> None:
     engine = MujocoEngine()
-    assert engine.spawn(load_robot(file, KITCHEN_URDF).world).ok
+    assert engine.apply(Spawn(load_robot(file, KITCHEN_URDF).world)).report.ok
     before = engine.poses()[1]
     engine.step(10.0)
     assert np.abs(engine.poses()[1] - before).max() < 0.005

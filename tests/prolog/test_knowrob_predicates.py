@@ -17,6 +17,7 @@ from mindstage.errors import PrologGoalError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
 from mindstage.scene import Body, BodyId, Iri, Pose, World
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 from tests.maps.dialect_maps import knowrob1_map, perception
@@ -193,7 +194,7 @@ def test_joints_have_poses(kitchen: PrologConsole, world: World) -> None:
 def test_the_present_is_that_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
     assert console.holds("spawn_semantic_map(_)")
     moved = Pose((0.5, -0.25, 3.0), (0.0, 0.0, 0.0, 1.0))
-    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), moved), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): moved})), edits=True)
     (row,) = console.solutions("is_at(milk_carton_1, [map, Position, Quaternion])")
     assert row["Position"] == [0.5, -0.25, 3.0]
     assert row["Quaternion"] == pytest.approx([0.0, 0.0, 1.0, 0.0])

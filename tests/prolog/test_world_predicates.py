@@ -13,6 +13,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.prolog import PrologConsole
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.scene.colors import COLORS
+from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
 from tests.cli.runner import map_text
 
@@ -146,7 +147,9 @@ def test_bodies_that_do_not_exist_cannot_be_highlighted(
 def test_questions_use_the_current_state_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
     inside = "where_is(_, milk_carton_1, inside, fridge)"
     assert console.holds(f"spawn_semantic_map(_), {inside}")
-    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("milk_carton_1"), Pose((0.0, 0.0, 5.0))), edits=True)
+    simulation.run_on_engine(
+        lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((0.0, 0.0, 5.0))})), edits=True
+    )
     assert not console.holds(inside)
 
 

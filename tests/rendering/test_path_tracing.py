@@ -290,6 +290,16 @@ def test_tone_mapping_is_monotonic_and_keeps_gray() -> None:
     assert mapped[-1, 0] > 245
 
 
+@pytest.mark.parametrize("channel", [0, 1, 2])
+def test_bright_lights_of_a_pure_color_are_still_distinguished(channel: int) -> None:
+    values = np.zeros((5, 3))
+    values[:, channel] = (0.5, 1.0, 1.5, 2.0, 3.0)
+    mapped = tone_mapped(values).astype(int)
+    assert np.all(np.diff(mapped[:, channel]) > 3)
+    assert mapped[-1, channel] < 253
+    assert not np.delete(mapped, channel, axis=1).any()
+
+
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp", ".exr"])
 def test_a_picture_is_a_file_of_its_size(suffix: str, tmp_path: Path) -> None:
     picture = path_trace(scene_of(FLOOR, camera=FROM_ABOVE), settings(size=(40, 24), samples=1))

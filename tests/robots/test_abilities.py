@@ -32,8 +32,8 @@ from mindstage.robots.models.model import (
 )
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import add_self_model, component_class, read_self_model
+from mindstage.robots.skill_declaration import SkillNeed
 from mindstage.robots.skills import skill_specs
-from mindstage.robots.skills.declaration import SkillNeed
 from mindstage.scene import IDENTITY
 
 SELF_MODEL = """<?xml version="1.0"?>
@@ -327,6 +327,14 @@ def test_arm_and_gripper_of_a_robot_are_those_of_its_srdf(tmp_path: Path) -> Non
         encoding="utf-8",
     )
     bare = msgspec.structs.replace(known, arms=(), grippers=())
+    fixed = tuple(
+        msgspec.structs.replace(joint, type=RobotJointType.FIXED) if "finger" in joint.name else joint
+        for joint in known.joints
+    )
+    without = add_self_model(msgspec.structs.replace(bare, joints=fixed), read_self_model(path))
+    assert without.grippers == ()
+    text = "it is a gripper in the self-model, but no joint beyond its first link moves fingers with shapes"
+    assert [note.subject for note in without.notes if note.text == text] == ["gripper"]
     joined = add_self_model(bare, read_self_model(path))
     (arm,), (gripper,) = joined.arms, joined.grippers
     assert (arm.joints, arm.tip_link, arm.gripper) == (known.arms[0].joints, "hand_link", "gripper")

@@ -11,6 +11,7 @@ from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import plan_line
 from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene.edits import Attach, SetPoses
 from tests.kitchenette import kitchenette
 from tests.robots.rooms import box, contacts_with, joint_array, reaching, robot_in
 
@@ -125,8 +126,10 @@ def test_what_is_attached_to_the_hand_collides_too() -> None:
         joints, state = robot.model.arms[0].joints, reaching(robot, x + 0.1, y, z)
         assert CollisionChecker(robot, joints=joints, ignore={BodyId("rod")}).find_at(state) is None
         grip = robot.link_ids["gripper_link"]
-        robot.session.run_on_engine(lambda engine: engine.set_pose(BodyId("rod"), Pose((x + 0.1, y, z))), edits=True)
-        robot.session.run_on_engine(lambda engine: engine.attach(grip, BodyId("rod")), edits=True)
+        robot.session.run_on_engine(
+            lambda engine: engine.apply(SetPoses({BodyId("rod"): Pose((x + 0.1, y, z))})), edits=True
+        )
+        robot.session.run_on_engine(lambda engine: engine.apply(Attach(grip, BodyId("rod"))), edits=True)
         holding = CollisionChecker(robot, joints=joints)
         assert holding.find_at(reaching(robot, x, y, z + 0.05)) is None
         found = holding.find_at(state)

@@ -133,12 +133,29 @@ def test_a_target_beyond_reach_is_reported_with_the_distance() -> None:
     assert found.reason == "the target is 1.3 m beyond the reach of 0.7 m"
 
 
+def test_a_link_that_ends_no_arm_is_moved_by_the_joints_before_it() -> None:
+    kinematics = RobotKinematics(planar_arm())
+    wanted = {"lift": 0.2, "shoulder": 0.7, "elbow": -0.4}
+    found = kinematics.solve_ik("lower", kinematics.pose("lower", wanted))
+    assert found, found.reason
+    assert found.positions.keys() == {"lift", "shoulder", "elbow"}
+    assert {name: found.positions[name] for name in wanted} == pytest.approx(wanted, abs=1e-3)
+
+
 def test_a_target_above_the_lift_names_its_limit() -> None:
     found = RobotKinematics(planar_arm()).solve_ik("hand", Pose((0.6, 0.0, 1.15)), free="xyz")
     assert not found
     assert found.limits == ("lift",)
     assert "150 mm" in found.reason
     assert "lift is at its upper limit 0.5 m" in found.reason
+
+
+def test_a_target_below_the_lift_names_its_limit() -> None:
+    found = RobotKinematics(planar_arm()).solve_ik("hand", Pose((0.6, 0.0, 0.35)), free="xyz")
+    assert not found
+    assert found.limits == ("lift",)
+    assert "150 mm" in found.reason
+    assert "lift is at its lower limit 0 m" in found.reason
 
 
 def test_the_limit_of_the_elbow_is_named_and_kept() -> None:

@@ -26,6 +26,7 @@ from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.ros.robot_controllers import await_motion
 from mindstage.ros.service import GoalCanceledError, GoalContext
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import pose_inverse, pose_multiply
 from mindstage.simulation import Simulation
 
@@ -505,7 +506,7 @@ def test_fingers_are_not_faster_than_their_limit_when_what_they_press_slips_out(
     """The drive is a spring that is bent as far as its largest force when it presses."""
     give(sim, robot)
     assert robot.run(robot.gripping("", 0.0)).stalled
-    sim.run_on_engine(lambda engine: engine.set_pose(BodyId("carton"), Pose((3.0, 3.0, 0.1))), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("carton"): Pose((3.0, 3.0, 0.1))})), edits=True)
     speeds = []
     for _ in range(50):
         sim.step(0.002)

@@ -16,6 +16,8 @@ from mindstage.errors import InvalidArgumentError, SkillFailedError, Unreachable
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
+from mindstage.robots.skill_declaration import SkillMotion
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills import (
     FrontWay,
     ParameterType,
@@ -30,13 +32,11 @@ from mindstage.robots.skills import (
     start_skill,
 )
 from mindstage.robots.skills.arm_paths import interpolated_poses
-from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
 from mindstage.robots.skills.stances import StanceRequest
-from mindstage.robots.skills.surroundings import Opening, Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Opening, Surroundings
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import pose_from_array, pose_inverse, pose_multiply, quat_rotate
@@ -106,6 +106,46 @@ class TestDeclaration:
     def test_an_unknown_skill_names_similar_ones(self, robot: Robot) -> None:
         with pytest.raises(InvalidArgumentError, match="near: 'pick'"):
             start_skill(robot, "pickk", {})
+
+    def test_a_robot_does_what_a_command_or_a_name_with_arguments_says(self, robot: Robot) -> None:
+        steps: list[SkillStep] = []
+        by_command = robot.do("look_at milk_carton_1", on_step=steps.append)
+        by_name = robot.do("look_at", thing="milk_carton_1")
+        assert (
+            (by_command.skill, by_command.args)
+            == (by_name.skill, by_name.args)
+            == ("look_at", {"thing": "milk_carton_1"})
+        )
+        assert by_command
+        assert by_name
+        assert steps
+        mixed = robot.do("go_to x=-0.8", y=0.7, yaw=1.5)
+        assert mixed, mixed.reason
+        assert mixed.args == {"x": -0.8, "y": 0.7, "yaw": 1.5}
+        assert robot.base_pose()[:2] == pytest.approx((-0.8, 0.7), abs=0.02)
+
+    @pytest.mark.parametrize(
+        ("command", "args", "cause"),
+        [
+            ("", {}, "it is empty"),
+            ("open 'fridge", {}, "close the quotes"),
+            ("opne fridge", {}, "near: 'open'"),
+            ("open", {}, "thing is missing"),
+            ("open fridge_door thing=oven_door", {}, "thing is given twice"),
+            ("open fridge_door 1 2", {}, "one argument too many"),
+            ("open fridge_door", {"door": "x"}, "it has no argument 'door'"),
+        ],
+    )
+    def test_a_command_that_no_skill_takes_is_refused(
+        self, robot: Robot, command: str, args: dict[str, object], cause: str
+    ) -> None:
+        with pytest.raises(InvalidArgumentError, match=cause):
+            robot.do(command, **args)
+
+    def test_a_skill_that_takes_too_long_fails(self, robot: Robot) -> None:
+        result = robot.do("go_to 1.2 0.6", deadline_s=0.5)
+        assert result.outcome is SkillOutcome.FAILED
+        assert "did not end within 0.5 s" in result.reason
 
 
 class TestFailures:
@@ -351,6 +391,18 @@ class TestSmallRoom:
         assert not result.state.held
         assert room.base_pose() == pytest.approx((0.45, 0.0, 0.0), abs=0.02)
 
+    def test_an_empty_arm_is_at_rest_when_the_robot_drives(self, room: Robot) -> None:
+        (arm,) = room.model.arms
+        rest = dict(zip(arm.joints, arm.rest_positions, strict=True))
+        assert perform(room, "reach", thing="mug")
+        away = room.joint_positions()
+        assert max(abs(away[name] - at) for name, at in rest.items()) > 0.1
+        result = perform(room, "go_to", x=0.3, y=0.1)
+        assert result, result.reason
+        found = room.joint_positions()
+        assert {name: found[name] for name in rest} == pytest.approx(rest, abs=0.03)
+        assert room.base_pose()[:2] == pytest.approx((0.3, 0.1), abs=0.03)
+
     def test_a_thing_is_grasped_from_where_the_robot_stands_and_released(self, room: Robot) -> None:
         before = position(room, "mug")
         result = perform(room, "grasp", thing="mug")
@@ -383,6 +435,17 @@ class TestSmallRoom:
         assert 2 <= part.reached < path.reached
         assert len(part.positions) == len(part.roots) == part.reached
         assert re.search(r"there \w+ is [\d.]+ mm (inside|from) counter", part.reason)
+
+    def test_a_path_ends_before_the_base_drives_into_something(self, room: Robot) -> None:
+        hand = hands_of(SkillTask(room))[0]
+        up = hand.grasp_pose + np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+        path = hand.path(interpolated_poses(hand.grasp_pose, up))
+        assert hand.free_part(path, touch=()).is_complete
+        roots = np.array(path.roots)
+        roots[:, 0] += np.linspace(0.0, 0.6, len(roots))
+        part = hand.free_part(path._replace(roots=roots), touch=())
+        assert part.reached < path.reached
+        assert "counter" in part.reason
 
     def test_releasing_nothing_opens_the_gripper(self, room: Robot) -> None:
         result = perform(room, "release")

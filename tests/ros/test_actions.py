@@ -11,10 +11,11 @@ import pytest
 
 from mindstage.bridge import ClientGoalHandle, GoalStatus, LocalNode, RosbridgeClient, RosbridgeServer
 from mindstage.bridge.conversions import world_to_json
-from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnOptions, SpawnReport
+from mindstage.engines import NullEngine
+from mindstage.engines.base import Applied
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface, RosVersion
-from mindstage.scene import NO_GEOMETRY, GeometryMap, World
+from mindstage.scene.edits import Edit
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
@@ -145,12 +146,10 @@ class SlowEngine(NullEngine):
         self.spawning = threading.Event()
         self.go_on = threading.Event()
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    def apply(self, edit: Edit) -> Applied:
         self.spawning.set()
         assert self.go_on.wait(TIMEOUT_S)
-        return super().spawn(world, geometry=geometry, options=options)
+        return super().apply(edit)
 
 
 def test_spawning_sends_feedback_and_is_undone_when_canceled(knowledge: KnowledgeBase) -> None:

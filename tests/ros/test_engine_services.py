@@ -228,6 +228,12 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
         ("step", {"duration_s": -1.0}, "it must be a number from 0 to 3600 s"),
+        ("set_pose", {"id": "Mug", "pose": {"position": {"x": 1e308}}}, "pose.position.x"),
+        (
+            "step",
+            {"duration_s": 0.1, "forces": [{"id": "Mug"}, {"id": "Mug", "force": {"y": 1e308}}]},
+            "forces[1].force.y",
+        ),
     ],
 )
 def test_invalid_parts_of_a_world_fail_the_call(engine: Call, service: str, args: Any, text: str) -> None:
@@ -303,7 +309,7 @@ def test_a_client_records_an_episode(simulation: Simulation, local_node: LocalNo
         with pytest.raises(ServiceCallError, match="not the name of a file"):
             call("mindstage/record", name="../outside")
     with Episode(tmp_path / "run.mcap") as episode:
-        assert [(each.kind, each.client) for each in episode.edits()] == [("set pose", "ROS: /unreal/set_model_pose")]
+        assert [(each.kind, each.client) for each in episode.edits()] == [("set poses", "ROS: /unreal/set_model_pose")]
 
 
 def test_clients_cannot_record_without_a_folder(engine: Call) -> None:

@@ -11,11 +11,13 @@ import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import NullEngine
+from mindstage.engines.base import Applied
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco import engine as mujoco_engine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface
 from mindstage.scene import BodyId
+from mindstage.scene.edits import Edit, Spawn
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually
 from tests.kitchenette import kitchenette
@@ -139,8 +141,7 @@ def test_undo_of_spawns_in_a_row_is_per_call(simulation: Simulation) -> None:
     for number in range(5):
         world = kitchenette_with(5)
         one = type(world)(iri=world.iri, bodies=(world.bodies[number],))
-        simulation.spawn(one, persistent=False)
-        simulation.undo_stack.record_spawn([one.bodies[0].id])
+        simulation.spawn(one, persistent=False, title=f"cube{number} added")
     for number in reversed(range(5)):
         assert simulation.undo_stack.undo() == f"cube{number} added"
         assert simulation.state.ids == (*before, *(f"cube{each}" for each in range(number)))
@@ -169,12 +170,13 @@ class HeldEngine(NullEngine):
         self.spawned: list[int] = []
         """Number of bodies of each spawn."""
 
-    def spawn(self, world: Any, **options: Any) -> Any:
-        self.spawned.append(len(world.bodies))
-        if any(body.id == "held" for body in world.bodies):
+    def apply(self, edit: Edit) -> Applied:
+        if isinstance(edit, Spawn):
+            self.spawned.append(len(edit.ids))
+        if isinstance(edit, Spawn) and "held" in edit.ids:
             self.begun.set()
             assert self.may_end.wait(TIMEOUT_S)
-        return super().spawn(world, **options)
+        return super().apply(edit)
 
 
 @pytest.fixture

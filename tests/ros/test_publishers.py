@@ -20,6 +20,7 @@ from mindstage.ros import PublishRates, RosInterface
 from mindstage.ros.publishers import tf_message, tf_static_message, world_marker_array
 from mindstage.ros.state import StateReader
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Attach, Delete, SetPoses
 from mindstage.scene.transforms import pose_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
@@ -121,7 +122,7 @@ def test_static_transforms_are_latched_and_published_again_when_they_change(
     late = subscribed_messages(local_node, "/tf_static")
     eventually(lambda: late)
     assert late[0] == static[-1]
-    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("FridgeHandle"), Pose((1.6, 0.75, 1.2))))
+    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("FridgeHandle"): Pose((1.6, 0.75, 1.2))})))
     eventually(lambda: len(static) >= 2)
     assert composed_positions(static[-1], {"transforms": [
         {"header": {"frame_id": "map"}, "child_frame_id": "FridgeHinge", "transform": {
@@ -130,7 +131,7 @@ def test_static_transforms_are_latched_and_published_again_when_they_change(
             "translation": {"x": 1.95, "y": 0.0, "z": 0.65}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}},
     ]})["FridgeHandle"][:3].tolist() == pytest.approx([1.6, 0.75, 1.2])  # fmt: skip
     # An attachment changes the tree: the mug moves with the drawer, which is static to it.
-    simulation.run_on_engine(lambda engine: engine.attach(BodyId("Drawer"), BodyId("Mug")), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True)
     eventually(lambda: ("Drawer", "Mug") in {
         (each["header"]["frame_id"], each["child_frame_id"]) for each in static[-1]["transforms"]
     })  # fmt: skip
@@ -148,7 +149,7 @@ def test_joint_states_have_the_names_of_the_joints(client: RosbridgeClient, simu
 def test_markers_have_the_size_and_the_highlight_of_the_bodies(client: RosbridgeClient, simulation: Simulation) -> None:
     received = subscribed_messages(client, "/unreal/world")
     simulation.highlight([BodyId("Mug")], (0.0, 1.0, 0.0))
-    simulation.run_on_engine(lambda engine: engine.delete([BodyId("Floor")]), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Floor"),))), edits=True)
     eventually(lambda: received and len(received[-1]["markers"]) == 8)
     first, *markers = received[-1]["markers"]
     assert first["action"] == 3
@@ -168,6 +169,23 @@ def test_highlights_are_published_at_once_and_latched(
     late = subscribed_messages(local_node, "/unreal/highlights")
     eventually(lambda: late)
     assert late[-1]["groups"] == expected
+
+
+def test_a_message_highlights_bodies_and_the_diagnostics_name_those_that_do_not_exist(
+    client: RosbridgeClient, local_node: LocalNode, simulation: Simulation
+) -> None:
+    diagnostics = subscribed_messages(local_node, "/mindstage/diagnostics")
+    client.advertise("/unreal/highlight", "mindstage_msgs/LitBodies")
+    color = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 1.0}
+    client.publish(
+        "/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug", "Cupp"], "color": color, "label": "because"}
+    )
+    eventually(lambda: "Cupp" in str(diagnostics))
+    (status,) = (each for array in diagnostics for each in array["status"] if "Cupp" in str(each))
+    assert (status["name"], status["hardware_id"]) == ("mindstage: highlight", "Cupp")
+    assert dict(simulation.state.highlights) == {"Mug": (0.0, 0.0, 1.0)}
+    client.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"]})
+    eventually(lambda: not simulation.state.highlights)
 
 
 def test_messages_without_subscribers_are_not_created(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:

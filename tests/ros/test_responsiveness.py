@@ -11,6 +11,7 @@ import pytest
 from mindstage.bridge import RosbridgeClient
 from mindstage.errors import ServiceCallError
 from mindstage.scene import BodyId, BodyPhysics
+from mindstage.scene.edits import SetLabel, SetPhysics
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 
@@ -89,7 +90,7 @@ def test_other_calls_are_executed_while_a_long_step_runs(client: RosbridgeClient
     long.start()
     eventually(lambda: simulation.state.time_s > 0.0)
     start_s, state = time.monotonic(), simulation.state
-    simulation.run_on_engine(lambda engine: engine.set_label(BodyId("Mug"), "M"), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(SetLabel(BodyId("Mug"), "M")), edits=True)
     simulation.pause()
     assert time.monotonic() - start_s < SOON_S
     long.join(10 * TIMEOUT_S)
@@ -123,5 +124,5 @@ def test_the_health_has_the_expected_time_of_a_rebuild(client: RosbridgeClient, 
         return float({each["key"]: each["value"] for each in health[-1]["status"][0]["values"]}["expected_rebuild_s"])
 
     eventually(lambda: expected_s() == 0.0)
-    simulation.run_on_engine(lambda engine: engine.set_physics(BodyId("Mug"), BodyPhysics()), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("Mug"), BodyPhysics())), edits=True)
     eventually(lambda: expected_s() > 0.0)

@@ -17,13 +17,14 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sources import RosPackagePath
 from mindstage.maps.urdf.parse import read_urdf
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots import robot as robot_module
+from mindstage.robots import edits as robot_module
 from mindstage.robots.models.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.ros.robot_controllers import controllers_of
 from mindstage.ros.robot_description import description_of
 from mindstage.scene import Pose
+from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import pose_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
@@ -137,7 +138,7 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         assert not again["success"]
         assert "rob" in again["refusal"]["text"]
         playing.run_on_engine(
-            lambda engine: engine.delete([body.id for body in find_robot(playing, "rob").placed.world.bodies]),
+            lambda engine: engine.apply(Delete(tuple(find_robot(playing, "rob").body_ids))),
             edits=True,
         )
         eventually(lambda: "/arm_controller/follow_joint_trajectory/goal" not in client.ros.get_topics())

@@ -12,18 +12,19 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from math import pi
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
-from mindstage.engines import Engine, SpawnOptions
+from mindstage.engines import Engine
 from mindstage.episodes import Episode, Recorder
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.robots import add_robot, find_robot
-from mindstage.scene import Body, BodyId, Iri, Material, Mobility, Pose, World
+from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Material, Mobility, Pose, World
+from mindstage.scene.edits import Spawn, edit_from_json, edit_to_json
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -45,8 +46,6 @@ _POSE_TOLERANCE = 1e-6
 _SETTLED_TOLERANCE_M = 2e-3
 """A body that a spawn moved out of others, and that rests there, is shown where it was described [m, rad]."""
 _STEP_S = 0.06
-_MOVES_OTHERS = ("add", "paste", "place")
-"""A spawn may move loose bodies out of the new one, which is physics: undoing it does not move them back."""
 _NOT_IN_HISTORY = ("step", "tell", "reset_to_start", "saved_state", "robot", "drive", "world")
 
 
@@ -93,6 +92,28 @@ class _Seen(NamedTuple):
 
     world: World
     model: Mapping[str, Mapping[str, Array]]
+    bits: bytes = b""
+    """All that MuJoCo continues from: positions, velocities, sleep."""
+
+
+class _JsonCheck:
+    """An observer that reads each edit from its JSON again."""
+
+    interval_s = 0.1
+
+    def __init__(self) -> None:
+        self.geometry: dict[str, BodyGeometry] = {}
+        self.count = 0
+
+    def on_state(self, state: object, engine: Engine, *, edited: bool, rebuild_pending: bool) -> None:
+        pass
+
+    def on_edit(self, kind: str, *, client: str, ids: object, details: Mapping[str, Any]) -> None:
+        for edit in (*((details["edit"],) if "edit" in details else ()), *details.get("edits", ())):
+            self.geometry |= {each.key: each for each in edit.geometries()}
+            text = edit_to_json(edit)
+            assert edit_to_json(edit_from_json(text, geometry=self.geometry.values())) == text, edit.label
+            self.count += 1
 
 
 class RandomEdits:
@@ -116,6 +137,8 @@ class RandomEdits:
             Simulation(self._knowledge, start.engine(), shapes=is_bundled, timeout_s=120.0)
         )
         self.sim.spawn(None if is_bundled else world)
+        self.json_check = _JsonCheck()
+        self.sim.observe(self.json_check)
         self._robot = start.robot
         if start.robot:
             self._add_robot(random.Random(1))
@@ -153,7 +176,7 @@ class RandomEdits:
         if rng.random() < 0.7:
             self.log.append("undo, redo")
             undo_stack.undo()
-            check(before, seen(self.sim), f"undo of {step.name}")
+            check(before, seen(self.sim), f"undo of {step.name}", exactly=True)
             self._check_fresh("after undo of")
             undo_stack.redo()
             check(after, seen(self.sim), f"redo of {step.name}")
@@ -167,14 +190,14 @@ class RandomEdits:
         elif rng.random() < 0.3:
             self.log.append("undo")
             undo_stack.undo()
-            check(before, seen(self.sim), f"second undo of {step.name}")
+            check(before, seen(self.sim), f"second undo of {step.name}", exactly=True)
 
     def undo_all(self) -> None:
         """Undoes and redoes the last edits, each of which was made without a step in between."""
         undo_stack = self.sim.undo_stack
         undo_stack.clear()
         start, rng = seen(self.sim), random.Random(len(self.log))
-        names = [name for name in self.edits if name not in (*_NOT_IN_HISTORY, *_MOVES_OTHERS)]
+        names = [name for name in self.edits if name not in _NOT_IN_HISTORY]
         for _ in range(8):
             name = rng.choice(names)
             try:
@@ -184,7 +207,7 @@ class RandomEdits:
         end, count = seen(self.sim), len(undo_stack.history.undo)
         self.log.append(f"undo of {count} edits")
         undo_stack.go_to(0)
-        check(start, seen(self.sim), "undo of all edits")
+        check(start, seen(self.sim), "undo of all edits", exactly=True)
         undo_stack.go_to(count)
         check(end, seen(self.sim), "redo of all edits")
 
@@ -290,14 +313,12 @@ class RandomEdits:
     def edit_add(self, rng: random.Random) -> object:
         example = self._body(rng)
         body = replace(_renamed(example, f"Added{rng.randrange(10**6)}"), pose=self._near(example, rng))
-        self.sim.spawn(World(iri=Iri("http://x.org/added.owl#map"), bodies=(body,)), persistent=False)
-        self.sim.undo_stack.record_spawn([body.id])
+        world = World(iri=Iri("http://x.org/added.owl#map"), bodies=(body,))
+        self.sim.spawn(world, persistent=rng.random() < 0.3, title=f"{body.id} added")
         return body.id
 
     def edit_paste(self, rng: random.Random) -> object:
-        pasted = paste_group(self.sim, BodyGroup.from_world(self.sim.snapshot(), (self._body(rng).id,)))
-        self.sim.undo_stack.record_spawn(pasted, verb="pasted")
-        return pasted
+        return paste_group(self.sim, BodyGroup.from_world(self.sim.snapshot(), (self._body(rng).id,)))
 
     def edit_place(self, rng: random.Random) -> object:
         bodies = self.sim.snapshot().bodies
@@ -305,8 +326,7 @@ class RandomEdits:
         if not loose:
             return "nothing is loose"
         item, holder = rng.choice(loose), rng.choice(bodies)
-        placed = self.sim.place(_renamed(item, f"Placed{rng.randrange(10**6)}"), on=holder.id)
-        self.sim.undo_stack.record_spawn([placed.id])
+        placed = self.sim.place(_renamed(item, f"Placed{rng.randrange(10**6)}"), on=holder.id, title="placed")
         return placed.id, holder.id
 
     def edit_one_step(self, rng: random.Random) -> object:
@@ -348,9 +368,9 @@ class RandomEdits:
         if not self._robot:
             return "no robot"
         if self.sim.robots and rng.random() < 0.5:
-            name = rng.choice(sorted(self.sim.robots))
-            find_robot(self.sim, name).remove()
-            return f"{name} removed"
+            robot = find_robot(self.sim, rng.choice(sorted(self.sim.robots)))
+            self.sim.undo_stack.apply(robot.edit.removal(self.sim.state.ids))
+            return f"{robot.name} removed"
         if len(self.sim.robots) > 1:
             return "enough robots"
         return self._add_robot(rng)
@@ -425,8 +445,8 @@ class RandomEdits:
         if self.sim.engine_name != "mujoco":
             return
         fresh = MujocoEngine()
-        options = SpawnOptions(immovable=self.sim.immovable, settle=False)
-        fresh.spawn(self.sim.snapshot(), geometry=self.sim.geometry, options=options)
+        world, immovable = self.sim.snapshot(), self.sim.immovable
+        fresh.apply(Spawn(world, geometry=self.sim.geometry, immovable=immovable, settle=False))
         running, new = self.sim.run_on_engine(joint_axes), joint_axes(fresh)
         assert running.keys() == new.keys(), f"{when} {self.log[-1]}: joints {running.keys() ^ new.keys()}"
         for id, (anchor, axis) in running.items():
@@ -476,7 +496,13 @@ def seen(sim: Simulation) -> _Seen:
     """The state of a simulation."""
     if sim.engine_name != "mujoco":
         return _Seen(sim.snapshot(), {})
-    return sim.run_on_engine(lambda engine: _Seen(engine.snapshot(), _model(engine)))
+    return sim.run_on_engine(lambda engine: _Seen(engine.snapshot(), _model(engine), _bits(engine)))
+
+
+def _bits(engine: Engine) -> bytes:
+    data = engine.compiled().data  # type: ignore[attr-defined]
+    names = ("qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "tree_asleep", "body_awake", "time")
+    return b"".join(np.asarray(getattr(data, name)).tobytes() for name in names)
 
 
 def _model(engine: Engine) -> Mapping[str, Mapping[str, Array]]:
@@ -520,8 +546,11 @@ def pose_error(a: Pose, b: Pose) -> float:
     return max(float(np.abs(one[:3] - other[:3]).max()), float(quat_angle(one[3:], other[3:])))
 
 
-def check(wanted: _Seen, found: _Seen, what: str) -> None:
-    """Compares two states; the order of bodies, joints and attachments is not compared."""
+def check(wanted: _Seen, found: _Seen, what: str, *, exactly: bool = False) -> None:
+    """Compares two states; the order of bodies, joints and attachments is not compared, unless exactly."""
+    if exactly:
+        assert wanted.world == found.world, f"{what}: the snapshot is another one"
+        assert wanted.bits == found.bits, f"{what}: positions, velocities or sleep are others"
     a, b = wanted.world, found.world
     for kind in ("bodies", "joints", "lights"):
         then, now = ({each.id: each for each in getattr(world, kind)} for world in (a, b))

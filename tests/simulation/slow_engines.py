@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 
 from mindstage.engines import NullEngine
-from mindstage.engines.base import RebuildTime
+from mindstage.engines.base import Applied, RebuildTime
+from mindstage.scene.edits import Edit, SetPhysics
 
 __all__ = ["RebuildingNullEngine", "SlowEngine", "SlowInterruptibleEngine"]
 
@@ -48,9 +49,10 @@ class RebuildingNullEngine(NullEngine):
     def expected_rebuild_s(self) -> float:
         return self.rebuild_s if self.rebuild_pending else 0.0
 
-    def set_physics(self, id, physics) -> None:  # type: ignore[no-untyped-def]
-        super().set_physics(id, physics)
-        self.rebuild_pending = True
+    def apply(self, edit: Edit) -> Applied:
+        applied = super().apply(edit)
+        self.rebuild_pending |= isinstance(edit, SetPhysics)
+        return applied
 
     def rebuild(self) -> None:
         if self.rebuild_pending:

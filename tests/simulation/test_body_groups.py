@@ -11,6 +11,7 @@ from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, HistoryChangedError, InvalidArgumentError
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
 from tests.kitchenette import kitchenette
 
@@ -109,7 +110,7 @@ def test_a_step_of_the_history_is_chosen_only_as_it_was_seen(simulation: Simulat
 def test_what_was_moved_by_physics_can_be_recorded_as_one_step(simulation: Simulation) -> None:
     before = {body.id: body.pose for body in simulation.snapshot().bodies}
     assert not simulation.undo_stack.record_motion(before, label="nothing dragged")
-    simulation.run_on_engine(lambda engine: engine.set_pose(MUG, Pose((1.0, 0.5, 0.85))), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.5, 0.85))})), edits=True)
     assert simulation.undo_stack.record_motion(before, label="Mug dragged")
     assert simulation.undo_stack.undo() == "Mug dragged"
     assert position(simulation, MUG) == pytest.approx(before[MUG].position)
@@ -124,7 +125,7 @@ def test_things_are_placed_on_flat_panels(kitchen: Simulation, holder: str) -> N
     low = kitchen.run_on_engine(lambda engine: engine.snapshot()).body(placed.id).pose.position[2]
     assert placed.support_id == holder
     assert low > body.pose.position[2]
-    kitchen.run_on_engine(lambda engine: engine.delete([placed.id]), edits=True)
+    kitchen.run_on_engine(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
 
 
 def test_a_body_is_placed_near_a_point(kitchen: Simulation) -> None:
@@ -132,7 +133,7 @@ def test_a_body_is_placed_near_a_point(kitchen: Simulation) -> None:
     placed = kitchen.place("CoffeeMug", on="counter_west", near=(x + 0.2, y - 0.1, z))
     offset = np.subtract(placed.pose.position, (x + 0.2, y - 0.1, z))
     assert np.linalg.norm(offset[:2]) < 0.3
-    kitchen.run_on_engine(lambda engine: engine.delete([placed.id]), edits=True)
+    kitchen.run_on_engine(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
 
 
 def test_pulling_an_unknown_body_is_an_error(simulation: Simulation) -> None:

@@ -21,6 +21,7 @@ from mindstage.errors import (
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId
+from mindstage.scene.edits import SetLabel
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
 from tests.kitchenette import kitchenette
@@ -202,11 +203,11 @@ def test_an_observer_that_raises_is_removed_and_the_others_get_the_state(sim: Si
 
 def test_an_observer_that_raises_at_an_edit_does_not_fail_the_edit(sim: Simulation) -> None:
     sim.observe(Observer(lambda: None, raising(ValueError("wrong"))))
-    sim.run_on_engine(lambda engine: engine.set_label(MUG, "My mug"), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "My mug")), edits=True)
     with pytest.raises(SimulationFaultError, match="the observer Observer raised ValueError: wrong"):
         sim.snapshot()
     assert next(body.label for body in sim.snapshot().bodies if body.id == MUG) == "My mug"
-    sim.run_on_engine(lambda engine: engine.set_label(MUG, "Mug"), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "Mug")), edits=True)
     sim.snapshot()
 
 
@@ -215,10 +216,10 @@ def test_a_callback_of_edits_that_raises_is_removed(sim: Simulation, error: Base
     others: list[int] = []
     sim.clients.on_edit(raising(error))
     sim.clients.on_edit(lambda: others.append(1))
-    sim.run_on_engine(lambda engine: engine.set_label(MUG, "My mug"), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "My mug")), edits=True)
     with pytest.raises(SimulationFaultError, match="a callback of edits"):
         sim.snapshot()
-    sim.run_on_engine(lambda engine: engine.set_label(MUG, "Mug"), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "Mug")), edits=True)
     sim.snapshot()
     assert others == [1, 1]
 

@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import pytest
 
-from mindstage.engines import DEFAULT_SPAWN_OPTIONS, NullEngine, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines import NullEngine, SpawnNoteKind, SpawnReport
+from mindstage.engines.base import Applied
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, GeometrySource, World, diff
+from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, GeometrySource, diff
+from mindstage.scene.edits import Delete, Edit, Spawn
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 
@@ -21,11 +23,10 @@ class RecordingEngine(NullEngine):
         super().__init__()
         self.spawned: list[GeometryMap] = []
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
-        self.spawned.append(geometry)
-        return super().spawn(world, geometry=geometry, options=options)
+    def apply(self, edit: Edit) -> Applied:
+        if isinstance(edit, Spawn):
+            self.spawned.append(edit.geometry)
+        return super().apply(edit)
 
 
 class MeshGeometry(NamedTuple):
@@ -90,7 +91,7 @@ def test_the_mapping_is_the_same_object_until_bodies_are_added_or_removed(sim: S
 def test_deleted_bodies_have_no_geometry_and_are_restored_with_theirs(sim: Simulation) -> None:
     sim.spawn(kitchenette())
     mug = sim.geometry[BodyId("Mug")]
-    sim.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
     assert BodyId("Mug") not in sim.geometry
     sim.reset()
     assert sim.geometry[BodyId("Mug")] is mug

@@ -17,6 +17,7 @@ from mindstage.knowledge.questions import WorldState
 from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import BodyId
 from mindstage.scene.colors import COLORS
+from mindstage.scene.edits import Delete
 from mindstage.simulation import HighlightGroup, Simulation, UnhighlightedItem
 from tests.kitchenette import kitchenette
 
@@ -146,7 +147,7 @@ def test_highlights_without_a_label_form_groups_by_color(sim: Simulation) -> Non
 
 def test_deleting_and_clearing_remove_highlights(sim: Simulation) -> None:
     sim.highlight([MUG, FRIDGE], RED, label="both")
-    sim.run_on_engine(lambda engine: engine.delete([FRIDGE]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((FRIDGE,))), edits=True)
     assert groups_by_label(sim) == {"both": ("Mug",)}
     sim.clear()
     assert groups_by_label(sim) == {}

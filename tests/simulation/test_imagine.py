@@ -14,12 +14,14 @@ from msgspec.structs import replace
 
 import mindstage as ms
 from mindstage.engines import Capability, Engine, NullEngine
+from mindstage.engines.base import Applied
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.remote.godot import GodotEngine
 from mindstage.errors import BodyNotFoundError, CommitError, ImaginationError, SimulationError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, diff
+from mindstage.scene.edits import Attach, Delete, Edit, SetLabel, SetMaterials, SetPoses, Spawn
 from mindstage.simulation import Simulation, SimulationImage
 from mindstage.simulation.imagined import match_world
 from tests.engines.served_simulation import ServedSimulation
@@ -72,6 +74,7 @@ def test_everything_works_in_a_copy_and_the_original_stays_bit_for_bit_the_same(
     worlds, reports, revision = kitchen.worlds, kitchen.reports, kitchen.state.revision
     with kitchen.imagine(threaded=threaded) as copy:
         assert state_bits(copy) == bits
+        assert (dict(copy.robots), copy.worlds, copy.reports) == ({}, worlds, reports)
         mug = copy.place("CoffeeMug", on="table")
         assert copy.ask("where_is", mug.id)[0].other.endswith("table")
         assert copy.joint("fridge_door").open().arrived
@@ -129,7 +132,8 @@ class TestCommit:
             time_s = sim.state.time_s
             done = copy.commit()
         assert opened.arrived
-        assert [text.split()[0] for text in done] == ["move", "physics", "spawn", "move"]
+        assert done == ("pose of Mug", "mass of Mug", f"{put.id} added", done[-1])
+        assert done[-1].startswith("move joint")
         assert sim.snapshot().body(MUG).physics.mass_kg == 7.0
         assert put.id in sim.state.ids
         assert sim.joint(DOOR).openness == pytest.approx(0.5, abs=0.02)
@@ -177,14 +181,18 @@ class TestCommit:
                 copy.commit()
 
     def test_an_impossible_edit_names_what_was_done_before(self, sim: Simulation) -> None:
-        def refuse(id: BodyId, pose: Pose) -> None:
-            raise BodyNotFoundError(id, known=[])
+        apply = sim.run_on_engine(lambda engine: engine.apply)
+
+        def refuse(edit: Edit) -> Applied:
+            if isinstance(edit, SetPoses):
+                raise BodyNotFoundError("Mug", known=[])
+            return apply(edit)
 
         with sim.imagine() as copy:
             copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
             copy.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
-            sim.run_on_engine(lambda engine: setattr(engine, "set_pose", refuse))
-            with pytest.raises(CommitError, match=r"move Mug: no body .* \(physics of Mug was done\)"):
+            sim.run_on_engine(lambda engine: setattr(engine, "apply", refuse))
+            with pytest.raises(CommitError, match=r"pose of Mug: no body .* \(mass of Mug was done\)"):
                 copy.commit()
 
 
@@ -319,8 +327,8 @@ def edited(sim: Simulation) -> None:
     sim.undo_stack.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
 
     def label_and_paint(engine: Engine) -> None:
-        engine.set_label(MUG, "My mug")
-        engine.set_materials(MUG, (STEEL,))
+        engine.apply(SetLabel(MUG, "My mug"))
+        engine.apply(SetMaterials(MUG, (STEEL,)))
 
     sim.run_on_engine(label_and_paint, edits=True)
 
@@ -334,14 +342,14 @@ def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engin
             copy.undo_stack.delete([BodyId("FridgeHandle")])
             done = copy.commit()
             assert diff(copy.snapshot(), sim.snapshot()).identical(1e-3)
-        assert "detach FridgeHandle" in done
-        assert "attach Mug to Drawer" in done
-        assert done[-3:] == ("label of Mug", "materials of Mug", "delete FridgeHandle")
+        assert "FridgeHandle detached" in done
+        assert "Mug attached to Drawer" in done
+        assert done[-3:] == ("label of Mug", "materials of Mug", "FridgeHandle deleted")
         mug = sim.snapshot().body(MUG)
         assert (mug.label, mug.materials) == ("My mug", (STEEL,))
         with sim.imagine() as copy:
             copy.run_on_engine(lambda engine: engine.clear(), edits=True)
-            assert copy.commit() == ("clear",)
+            assert copy.commit() == ("clear world",)
         assert sim.state.ids == ()
 
 
@@ -352,11 +360,11 @@ def test_an_engine_is_given_the_state_of_another_world(engine: type[Engine]) -> 
         edited(sim)
         present, worlds = sim.snapshot(), sim.worlds
     other = engine()
-    other.spawn(kitchenette())
-    other.attach(BodyId("Cupboard"), MUG)
+    other.apply(Spawn(kitchenette()))
+    other.apply(Attach(BodyId("Cupboard"), MUG))
     assert match_world(other, present, worlds=worlds) == ()
     assert diff(present, other.snapshot()).identical(1e-6)
-    other.delete([MUG])
+    other.apply(Delete((MUG,)))
     assert match_world(other, present, worlds=worlds) == ("'Mug' is not in the copy: it cannot be spawned",)
     other.close()
 
@@ -367,7 +375,7 @@ def test_a_joint_that_physics_had_pushed_beyond_its_limit_is_at_the_limit(positi
     moved = Pose((1.95 + position, 0.0, 0.65))
     present = replace(world, bodies=tuple(replace(b, pose=moved) if b.id == DRAWER else b for b in world.bodies))
     engine = MujocoEngine()
-    engine.spawn(world)
+    engine.apply(Spawn(world))
     assert match_world(engine, present, worlds=[world]) == ()
     assert engine.snapshot().body(DRAWER).pose.position[0] == pytest.approx(1.95 + expected, abs=2e-3)
     far = Pose((1.95 - 0.9, 0.0, 0.65))

@@ -15,6 +15,7 @@ import mindstage as ms
 from mindstage.engines import Engine, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError
+from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import (
     AngularLimits,
@@ -32,6 +33,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.edits import Delete, SetPhysics
 from mindstage.simulation import JointMotion, Simulation
 from tests.kitchenette import kitchenette
 
@@ -75,6 +77,18 @@ def test_a_joint_with_parent_and_child_swapped_opens_too(sim: Simulation) -> Non
     assert joint.open()
     assert joint.is_prismatic
     assert abs(joint.position) == pytest.approx(0.45, abs=0.01)
+
+
+def test_a_door_whose_handle_was_deleted_opens_the_same_way() -> None:
+    found = []
+    for deleted in ([], [BodyId("FridgeHandle")]):
+        with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as simulation:
+            simulation.spawn(kitchenette())
+            door = simulation.joint("FridgeDoor")
+            simulation.undo_stack.delete(deleted)
+            assert door.open(0.8, timeout_s=30.0)
+            found.append(door.position)
+    assert found[0] == pytest.approx(found[1], abs=0.03)
 
 
 def test_questions_report_that_it_is_open(sim: Simulation) -> None:
@@ -218,7 +232,7 @@ def test_an_obstacle_stops_it_and_the_result_is_false(sim: Simulation) -> None:
     assert not result
     assert result.duration_s == pytest.approx(4.0, abs=0.1)
     assert joint.openness < 0.6
-    sim.run_on_engine(lambda engine: engine.delete([BodyId("block")]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("block"),))), edits=True)
 
 
 def _in_front(sim: Simulation, id: str, gap: float) -> tuple[float, float, float]:
@@ -246,7 +260,7 @@ def test_an_engine_without_physics_sets_the_pose_exactly(
 
 def test_the_pose_of_a_kinematic_body_is_set(sim: Simulation) -> None:
     physics = replace(sim.snapshot().body("fridge_door").physics, mobility=Mobility.KINEMATIC)
-    sim.run_on_engine(lambda engine: engine.set_physics(BodyId("fridge_door"), physics), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("fridge_door"), physics)), edits=True)
     before = sim.state.time_s
     assert sim.joint("fridge_door_hinge").open(0.5)
     assert sim.state.time_s == before
@@ -263,7 +277,7 @@ def test_invalid_arguments_are_rejected(sim: Simulation) -> None:
         sim.joint("fridge_dor")
     with pytest.raises(NameNotFoundError):
         sim.joint("table")
-    sim.run_on_engine(lambda engine: engine.delete([BodyId("fridge_door")]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("fridge_door"),))), edits=True)
     with pytest.raises(BodyNotFoundError):
         joint.open()
 

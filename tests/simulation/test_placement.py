@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from msgspec.structs import replace
 
 from mindstage.assets import MeshLibrary
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
-from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation import Simulation
 from mindstage.simulation.placement_list import load_items, place_items
+from tests.kitchenette import kitchenette
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +69,22 @@ def test_placing_into_a_cabinet_includes_its_drawers(kitchen: Simulation) -> Non
     assert result.support_id.startswith("drawer_")
     drawer = pose_of(kitchen, result.support_id)
     assert np.linalg.norm(pose_of(kitchen, "spoon")[:2] - drawer[:2]) < 0.4
+
+
+@pytest.mark.parametrize("how", ["child", "parent", "attached"])
+def test_a_drawer_is_part_of_its_cupboard_however_it_is_connected(how: str) -> None:
+    world = kitchenette()
+    slide, hinge = world.joints
+    if how == "parent":
+        world = replace(world, joints=(replace(slide, parent=slide.child, child=slide.parent), hinge))
+    elif how == "attached":
+        attachment = Attachment(parent=BodyId("Cupboard"), child=BodyId("Drawer"))
+        world = replace(world, joints=(hinge,), attachments=(*world.attachments, attachment))
+    with Simulation(KnowledgeBase(), MujocoEngine(), timeout_s=60.0) as sim:
+        sim.spawn(world)
+        result = sim.place(item("spoon", (0.18, 0.03, 0.02), 0.05), into="Cupboard", near=(1.95, 0.0, 0.56))
+        assert result.support_id == "Drawer"
+        assert 0.55 < pose_of(sim, "spoon")[2] < 0.75
 
 
 def test_a_failed_placement_has_a_reason(kitchen: Simulation) -> None:

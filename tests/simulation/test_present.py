@@ -15,6 +15,7 @@ from mindstage.knowledge.endpoint import SparqlEndpoint
 from mindstage.knowledge.queries import pose_of, what_is
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, Iri, Pose, World
+from mindstage.scene.edits import SetPoses
 from tests.maps.dialect_maps import soma_map
 from tests.maps.test_soma import located
 
@@ -41,7 +42,7 @@ def sim(kb: KnowledgeBase) -> Iterator[Simulation]:
         simulation.spawn()
         cup = Body(id=BodyId("cup"), iri=Iri("http://e.org/cup"), cls=CUP, pose=Pose())
         simulation.spawn(World(iri=Iri("http://e.org/cup"), bodies=(cup,)), persistent=False)
-        simulation.run_on_engine(lambda engine: engine.set_pose(MILK, NEW), label="move")
+        simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MILK: NEW})), label="move")
         yield simulation
 
 
@@ -181,7 +182,7 @@ def test_a_map_of_knowrob_2_has_a_present_in_its_vocabulary(tmp_path: Path) -> N
         before = sim.sparql(query % "").rows
         assert before
         assert sim.sparql(query % "FROM <urn:mindstage:present>").rows == before
-        sim.run_on_engine(lambda engine: engine.set_pose(BodyId("cup"), Pose((4.0, 5.0, 6.0))), label="move")
+        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("cup"): Pose((4.0, 5.0, 6.0))})), label="move")
         (at,) = sim.sparql(query % "FROM <urn:mindstage:present>")["at"]
         assert numbers(at.value) == [4.0, 5.0, 6.0]
         assert sim.sparql(query % "").rows == before
@@ -192,7 +193,7 @@ def test_the_present_of_a_store_in_a_folder_leaves_nothing_behind(tmp_path: Path
         kb.load(bundled_kitchen())
         with Simulation(kb, NullEngine()) as sim:
             sim.spawn()
-            sim.run_on_engine(lambda engine: engine.set_pose(MILK, NEW), label="move")
+            sim.run_on_engine(lambda engine: engine.apply(SetPoses({MILK: NEW})), label="move")
             ((at, _),) = sim.sparql(POSE % NAMED)
             assert at is not None
             assert numbers(at.value) == list(NEW.position)

@@ -16,6 +16,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Mobility
+from mindstage.scene.edits import SetLabel, SetPhysics, Spawn
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 from tests.simulation.slow_engines import RebuildingNullEngine, SlowEngine, SlowInterruptibleEngine
@@ -89,7 +90,7 @@ def test_at_the_largest_speed_pauses_and_edits_are_executed_soon(sim: Simulation
         sim.play(speed=1000.0)
         start_s = sim.state.time_s
         wait_until(lambda start_s=start_s: sim.state.time_s > start_s)  # type: ignore[misc]
-        assert took_s(lambda: sim.run_on_engine(lambda engine: engine.set_label(MUG, "M"), edits=True)) < SOON_S
+        assert took_s(lambda: sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < SOON_S
         assert took_s(sim.pause) < SOON_S
         assert not sim.state.playing
         sim.ping()  # on a busy machine the last tick may still be running
@@ -104,7 +105,9 @@ def test_other_calls_are_executed_while_a_long_step_runs(pool: ThreadPoolExecuto
         sim.play()
         long = pool.submit(sim.step, 1.0)
         wait_until(lambda: sim.state.time_s > 0.0)
-        assert took_s(lambda: sim.run_on_engine(lambda engine: engine.set_label(MUG, "M"), edits=True)) < SOON_S / 2
+        assert (
+            took_s(lambda: sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < SOON_S / 2
+        )
         assert took_s(sim.pause) < SOON_S / 2
         assert not sim.state.playing
         assert not long.done()
@@ -124,7 +127,7 @@ def test_a_divided_step_is_as_long_as_one_in_one_piece() -> None:
 def test_interrupted_steps_of_mujoco_end_in_the_same_state_as_one_step(wall_s: float) -> None:
     engines = [MujocoEngine() for _ in range(2)]
     for engine in engines:
-        engine.spawn(kitchenette())
+        engine.apply(Spawn(kitchenette()))
         engine.apply_force(MUG, (3.0, 0.0, 2.0))
     engines[0].step(0.3)
     left_s, calls = 0.3, 0
@@ -144,12 +147,15 @@ def test_a_pause_does_not_wait_for_a_rebuild_and_nothing_moves_after_it() -> Non
     with simulation_of(engine) as sim:
         sim.play(speed=5.0)
         wait_until(lambda: sim.state.time_s > 0.0)
-        sim.run_on_engine(lambda engine: engine.set_physics(MUG, BodyPhysics()), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         wait_until(lambda: engine.last_rebuild is not None)
         assert took_s(sim.pause) < 1.0
         state = sim.state
         assert not state.playing
-        assert took_s(lambda: sim.run_on_engine(lambda engine: engine.set_label(MUG, "M"), edits=True)) < 1.5 + SOON_S
+        assert (
+            took_s(lambda: sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True))
+            < 1.5 + SOON_S
+        )
         assert sim.state.time_s == state.time_s
 
 
@@ -160,7 +166,7 @@ def test_a_pause_while_edits_delay_the_ticks(pool: ThreadPoolExecutor) -> None:
 
         def edit() -> None:
             while not ended.is_set():
-                sim.run_on_engine(lambda engine: engine.set_physics(MUG, BodyPhysics()), edits=True)
+                sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
 
         edits = pool.submit(edit)
         try:
@@ -178,11 +184,11 @@ def test_the_state_after_an_edit_has_the_time_that_a_rebuild_is_expected_to_take
         assert sim.state.expected_rebuild_s > 0.0
         sim.step(0.1)
         assert sim.state.expected_rebuild_s == 0.0
-        sim.run_on_engine(lambda engine: engine.set_label(MUG, "M"), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)
         assert sim.state.expected_rebuild_s == 0.0
         physics = BodyPhysics(mobility=Mobility.STATIC)
         start_s = time.monotonic()
-        sim.run_on_engine(lambda engine: engine.set_physics(MUG, physics), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, physics)), edits=True)
         few_s = sim.state.expected_rebuild_s
         assert 0.0 < few_s < 10.0
         sim.step(0.1)
@@ -201,16 +207,16 @@ def test_the_reports_of_edits_have_the_time_that_a_rebuild_is_expected_to_take()
 def test_the_expected_time_of_a_rebuild_grows_with_the_world() -> None:
     engine = MujocoEngine()
     world = kitchenette()
-    engine.spawn(world)
+    engine.apply(Spawn(world))
     engine.step(0.01)
-    engine.set_physics(MUG, BodyPhysics(mobility=Mobility.STATIC))
+    engine.apply(SetPhysics(MUG, BodyPhysics(mobility=Mobility.STATIC)))
     before_s = engine.expected_rebuild_s
     for number in range(20):
         copies = tuple(
             type(body)(id=BodyId(f"{body.id}{number}"), iri=body.iri, cls=body.cls, pose=body.pose, size=body.size)
             for body in world.bodies
         )
-        engine.spawn(type(world)(iri=world.iri, bodies=copies))
+        engine.apply(Spawn(type(world)(iri=world.iri, bodies=copies)))
     assert engine.expected_rebuild_s > 15 * before_s
 
 
@@ -218,7 +224,7 @@ def test_a_call_that_times_out_says_how_long_the_rebuild_is_expected_to_take() -
     """The timeout ends while a call of another caller runs, not while the model is rebuilt."""
     with simulation_of(RebuildingNullEngine(0.5)) as sim:
         may_end = threading.Event()
-        sim.run_on_engine(lambda engine: engine.set_physics(MUG, BodyPhysics()), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         blocked = threading.Thread(
             target=lambda: sim.run_on_engine(lambda _: may_end.wait(TIMEOUT_S), label="long call")
         )
@@ -235,11 +241,11 @@ def test_a_call_that_times_out_says_how_long_the_rebuild_is_expected_to_take() -
 
 def test_timeouts_are_extended_by_a_rebuild_only() -> None:
     with simulation_of(RebuildingNullEngine(1.0)) as sim:
-        sim.run_on_engine(lambda engine: engine.set_physics(MUG, BodyPhysics()), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         start_s = time.monotonic()
         sim.run_on_engine(lambda engine: engine.step(0.1), label="step", timeout_s=0.2)  # rebuilds for 1 s
         assert time.monotonic() - start_s >= 1.0
-        sim.run_on_engine(lambda engine: engine.set_physics(MUG, BodyPhysics()), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         may_end = threading.Event()
         start_s = time.monotonic()
         with pytest.raises(SimulationTimeoutError):

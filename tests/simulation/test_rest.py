@@ -14,7 +14,7 @@ from mindstage.api import load_knowledge
 from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import BodyId, Mobility, World, diff
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation
 from tests.semlog_maps import Actor, semlog_map
 
@@ -161,6 +161,23 @@ def test_the_thesis_kitchen_with_everything_dynamic_rests(shared_data: Path) -> 
         assert not report.moved
         assert simulation.state.stats is not None
         assert simulation.state.stats.movable < 40
+
+
+def test_each_spawn_keeps_its_report(load_map: LoadMap) -> None:
+    _, simulation = load_map(*ROOM, *FURNITURE, *TABLEWARE)
+    simulation.spawn()
+    mast = Body(
+        id=BodyId("mast"),
+        iri=Iri("http://a/mast"),
+        cls=Iri("http://a/Mast"),
+        pose=Pose((0.0, 0.0, 4.0)),
+        size=(0.1, 0.1, 0.1),
+        physics=BodyPhysics(mobility=Mobility.DYNAMIC),
+    )
+    simulation.spawn(World(iri=Iri("http://a/map"), bodies=(mast,)), check_rest=True)
+    first, second = simulation.reports
+    assert (first.rest_checked_s, second.rest_checked_s) == (0.0, 2.0)
+    assert (first.bodies > 1, second.bodies, [each.id for each in second.moved]) == (True, 1, ["mast"])
 
 
 def everything_dynamic(world: World) -> World:

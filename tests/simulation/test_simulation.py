@@ -14,6 +14,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Pose, diff
+from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation import Simulation
 from tests.engines.scenes import room
 
@@ -129,7 +130,7 @@ def test_a_light_body_can_be_lifted_without_oscillation(sim: Simulation) -> None
 def test_reset_restores_the_spawned_world(sim: Simulation) -> None:
     sim.spawn(room())
     sim.step(0.5)
-    sim.run_on_engine(lambda engine: engine.delete([BodyId("mug")]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("mug"),))), edits=True)
     sim.reset()
     assert diff(room(), sim.snapshot()).identical(0.0)
 
@@ -140,7 +141,7 @@ def test_reset_works_for_an_engine_that_cannot_save(knowledge: KnowledgeBase) ->
 
     with Simulation(knowledge, EngineWithoutSave()) as sim:
         sim.spawn(room())
-        sim.run_on_engine(lambda engine: engine.set_pose(BodyId("mug"), Pose((9, 9, 9))), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("mug"): Pose((9, 9, 9))})), edits=True)
         sim.reset()
         assert diff(room(), sim.snapshot()).identical(0.0)
 
@@ -169,7 +170,7 @@ def test_revisions_count_edits_and_not_motion(sim: Simulation) -> None:
 
 def test_a_reset_is_published_as_an_edit(sim: Simulation) -> None:
     sim.spawn(room())
-    sim.run_on_engine(lambda engine: engine.delete([BodyId("mug")]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("mug"),))), edits=True)
     before, notified = sim.state.revision, threading.Event()
     sim.clients.on_edit(notified.set)
     sim.reset()

@@ -23,6 +23,7 @@ from mindstage.errors import (
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
+from mindstage.scene.edits import Attach, Delete, SetPoses
 from mindstage.scene.transforms import Array
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord
 from tests.kitchenette import kitchenette
@@ -60,7 +61,7 @@ def test_each_edit_can_be_undone_and_redone(sim: Simulation) -> None:
         "mass of Mug": lambda: undo_stack.set_physics(
             MUG, BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=7.0), label="mass"
         ),
-        "material of Mug": lambda: undo_stack.set_materials(MUG, [Material(name="gold", color=(1.0, 0.8, 0.0))]),
+        "materials of Mug": lambda: undo_stack.set_materials(MUG, [Material(name="gold", color=(1.0, 0.8, 0.0))]),
         "label of Mug": lambda: undo_stack.rename(MUG, " cup of Ann "),
         "Mug attached to Drawer": lambda: undo_stack.attach(DRAWER, MUG),
         "DrawerHandle detached": lambda: undo_stack.detach(HANDLE),
@@ -82,9 +83,9 @@ def test_edits_are_undone_in_reverse_order_and_a_new_edit_clears_the_redo_histor
     undo_stack = sim.undo_stack
     undo_stack.move(MUG, THERE)
     undo_stack.set_materials(MUG, [Material(name="gold")])
-    assert undo_stack.history.undo == ("material of Mug", "pose of Mug")
+    assert undo_stack.history.undo == ("materials of Mug", "pose of Mug")
     undo_stack.undo()
-    assert (undo_stack.history.undo, undo_stack.history.redo) == (("pose of Mug",), ("material of Mug",))
+    assert (undo_stack.history.undo, undo_stack.history.redo) == (("pose of Mug",), ("materials of Mug",))
     undo_stack.delete([HANDLE])
     assert undo_stack.history.redo == ()
     undo_stack.undo()
@@ -142,7 +143,9 @@ def test_a_door_is_restored_at_the_current_pose_of_its_fridge(sim: Simulation) -
     joint = hinge(sim)
     sim.undo_stack.move(DOOR, joint.pose_for("swing1", -0.5, poses(sim)))
     sim.undo_stack.delete([DOOR, GRIP])
-    sim.run_on_engine(lambda engine: engine.set_pose(FRIDGE, Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0))), edits=True)
+    sim.run_on_engine(
+        lambda engine: engine.apply(SetPoses({FRIDGE: Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0))})), edits=True
+    )
     sim.undo_stack.undo()
     assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.5, abs=1e-6)
     frame = next(each for each in sim.snapshot().joints if each.id == "FridgeHinge").pose
@@ -151,7 +154,7 @@ def test_a_door_is_restored_at_the_current_pose_of_its_fridge(sim: Simulation) -
 
 def test_a_detached_body_is_restored_at_its_relative_pose_after_its_parent_moved(sim: Simulation) -> None:
     sim.undo_stack.detach(HANDLE)
-    sim.run_on_engine(lambda engine: engine.set_pose(DRAWER, Pose((1.75, 0.0, 0.65))), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(SetPoses({DRAWER: Pose((1.75, 0.0, 0.65))})), edits=True)
     sim.undo_stack.undo()
     assert poses(sim)[HANDLE][:3] == pytest.approx((1.48, 0.0, 0.65), abs=1e-6)
     assert [each.child for each in sim.snapshot().attachments if each.parent == DRAWER] == [HANDLE]
@@ -186,7 +189,7 @@ def test_a_failed_undo_changes_nothing(sim: Simulation) -> None:
     sim.undo_stack.attach(DRAWER, MUG)
     sim.undo_stack.undo()
     sim.undo_stack.redo()
-    sim.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+    sim.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     before = sim.snapshot()
     with pytest.raises(WorldError):
         sim.undo_stack.undo()
@@ -196,8 +199,8 @@ def test_a_failed_undo_changes_nothing(sim: Simulation) -> None:
 def test_a_spawn_can_be_undone_and_redone(sim: Simulation) -> None:
     before = sim.snapshot()
     cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=THERE)
-    sim.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
-    sim.undo_stack.record_spawn([cup.id])
+    world = replace(kitchenette(), bodies=(cup,), joints=(), attachments=())
+    sim.spawn(world, persistent=False, title="Cup added")
     assert sim.undo_stack.undo() == "Cup added"
     assert {body.id for body in sim.snapshot().bodies} == {body.id for body in before.bodies}
     sim.undo_stack.redo()
@@ -289,7 +292,7 @@ def test_what_happens_in_a_context_is_one_step(sim: Simulation) -> None:
     before = sim.snapshot()
     with undo_stack.one_step("tidy up"):
         undo_stack.delete([HANDLE])
-        sim.run_on_engine(lambda engine: engine.attach(DRAWER, MUG), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
         undo_stack.rename(MUG, "cup")
     after = sim.snapshot()
     assert undo_stack.history.undo == ("tidy up", "pose of Mug"), "the edits within it are parts of it"
@@ -306,7 +309,7 @@ def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: 
         sim.run_on_engine(lambda engine: engine.poses())
     assert sim.undo_stack.history.undo == ()
     with pytest.raises(RuntimeError), sim.undo_stack.one_step("fail"):  # noqa: PT012
-        sim.run_on_engine(lambda engine: engine.set_pose(MUG, THERE), edits=True)
+        sim.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
         raise RuntimeError
     assert sim.undo_stack.history.undo == ("fail",)
 

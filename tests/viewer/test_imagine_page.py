@@ -12,6 +12,7 @@ from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import GHOSTS
 from mindstage.imagination import Verdict, imagine
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.viewer import Viewer
 from mindstage.viewer import imagine as panel
 from mindstage.viewer.ghosts import FAILED_COLOR, end_pose_ghosts
@@ -151,7 +152,7 @@ def test_open_copies_are_drawn_as_ghosts_until_they_are_closed(
     tab: PageTab, viewer: Viewer, simulation: Simulation
 ) -> None:
     with simulation.imagine() as first, simulation.imagine() as second:
-        first.run_on_engine(lambda engine: engine.set_pose(BodyId("Mug"), Pose((0.5, 0.0, 1.0))))
+        first.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.5, 0.0, 1.0))})))
         second.place("Mug", on="Fridge")
         wait_until(lambda: len([each for each in layers(viewer) if each.startswith("copy")]) == 2, "both are drawn")
         names = sorted(layers(viewer))

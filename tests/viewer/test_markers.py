@@ -14,6 +14,7 @@ from mindstage.rendering.appearance import merge_visuals
 from mindstage.rendering.camera import CameraPose
 from mindstage.scene import BodyId, Color, Pose
 from mindstage.scene.colors import COLORS
+from mindstage.scene.edits import Delete
 from mindstage.simulation import Marker, MarkerType
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
@@ -84,7 +85,7 @@ def test_a_body_copy_looks_like_its_body_while_that_exists(simulation: Simulatio
     )
     wait_until(vertices, "the copy is shown")
     assert vertices() == len(merge_visuals(simulation.geometry[BodyId("Mug")].visuals).points)
-    simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
     wait_until(lambda: not vertices(), "the copy is removed with its body")
     simulation.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), joints=(), attachments=()))
     wait_until(vertices, "the copy is shown again")

@@ -222,6 +222,8 @@ def test_a_wrong_request_is_refused(fake: FakePage, method: str, params: dict[st
 def test_files_of_the_machine_are_no_models(fake: FakePage) -> None:
     with pytest.raises(RequestFailedError, match="catalog"):
         fake.ask("robots.add", model="/etc/passwd")
+    with pytest.raises(RequestFailedError, match="choose one of mobile_manipulator, "):
+        fake.ask("robots.add", model="/etc/passwd")
 
 
 def test_a_robot_that_performs_a_skill_is_not_moved_by_hand(fake: FakePage, robot: Robot) -> None:

@@ -73,6 +73,22 @@ def test_a_method_is_registered_once(channel: RpcChannel) -> None:
         channel.register("look", Nothing, lambda *_: None, EDIT)
 
 
+def test_closing_waits_for_no_request_that_is_being_handled(channel: RpcChannel, client: PageClient) -> None:
+    begun, may_end, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def block(_: ClientSession, __: Nothing) -> None:
+        begun.set()
+        may_end.wait(5.0)
+        ended.set()
+
+    channel.register("block", Nothing, block, EDIT)
+    client.socket.send(json.dumps({"id": 1, "method": "block"}))
+    assert begun.wait(TIMEOUT_S)
+    channel.close()
+    assert not ended.is_set()
+    may_end.set()
+
+
 def test_published_values_reach_all_sessions_and_later_ones(channel: RpcChannel, url: str, client: PageClient) -> None:
     channel.publish("clock", {"time": 1})
     wait_until(lambda: client.latest_value("clock") == {"time": 1}, "open sessions receive it")

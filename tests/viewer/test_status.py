@@ -10,17 +10,15 @@ import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation, World
 from mindstage.engines import (
-    DEFAULT_SPAWN_OPTIONS,
     Capability,
     EngineStats,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
-    SpawnReport,
 )
-from mindstage.engines.base import SpawnFailure
+from mindstage.engines.base import Applied, SpawnFailure
 from mindstage.maps import bundled_kitchen
-from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Iri
+from mindstage.scene import BodyId, Iri
+from mindstage.scene.edits import Delete, Edit
 from mindstage.simulation import ConnectedClient
 from mindstage.viewer.inspector import StatusHandler
 from mindstage.viewer.server import RpcChannel
@@ -36,12 +34,12 @@ class BusyEngine(NullEngine):
     def stats(self) -> EngineStats:
         return self.busy
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
-        report = super().spawn(world, geometry=geometry, options=options)
+    def apply(self, edit: Edit) -> Applied:
+        applied = super().apply(edit)
         note = SpawnNote(SpawnNoteKind.HOLLOW, ("Fridge", "Mug"), "Fridge is hollow, so that Mug stands in it")
-        return msgspec.structs.replace(report, notes=(note,), failed_bodies=(SpawnFailure("Ghost", "it has no size"),))
+        failed = (SpawnFailure("Ghost", "it has no size"),)
+        report = msgspec.structs.replace(applied.report, notes=(note,), failed_bodies=failed)
+        return msgspec.structs.replace(applied, report=report)
 
 
 class SilentEngine(NullEngine):
@@ -97,7 +95,7 @@ def test_the_status_is_throttled_except_for_added_or_removed_bodies(
     before = page.latest_value("status")
     handler.publish(msgspec.structs.replace(simulation.state, time_s=1000.0))
     assert page.latest_value("status") == before
-    simulation.run_on_engine(lambda engine: engine.delete([BodyId("Mug")]), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
     handler.publish(simulation.state)
     after = page.latest_value("status")
     assert (after["bodies"], after["report"]) == (before["bodies"] - 1, before["report"])

@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, NumberRefusedError, ViewerUnavailableError
 from mindstage.scene import BodyId, BodyPhysics, Pose
+from mindstage.scene.edits import Delete, SetPhysics, SetPoses, Spawn
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
 from tests.viewer.page_client import connect_page_client
@@ -123,11 +124,11 @@ def test_a_world_spawned_later_is_shown() -> None:
 
 def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
-    simulation.run_on_engine(lambda engine: engine.delete([MUG]), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     wait_until(lambda: not shown(viewer, "Mug"), "the mug is gone")
     other = replace(kitchenette().body("Mug"), id=BodyId("Other"))
     simulation.run_on_engine(
-        lambda engine: engine.spawn(replace(kitchenette(), bodies=(other,), joints=(), attachments=()))
+        lambda engine: engine.apply(Spawn(replace(kitchenette(), bodies=(other,), joints=(), attachments=()))).report
     )
     wait_until(lambda: shown(viewer, "Other"), "an unannounced edit is shown, too")
 
@@ -135,7 +136,7 @@ def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, 
 def test_moving_bodies_move_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
     pose = replace(kitchenette().body("Mug").pose, position=(1.0, 2.0, 3.0))
-    simulation.run_on_engine(lambda engine: engine.set_pose(MUG, pose))
+    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: pose})))
     nodes = viewer._scene._bodies
     assert nodes._blocks is not None
     rows = nodes._blocks._rows
@@ -166,7 +167,7 @@ def test_bodies_that_become_dynamic_are_draggable(simulation: Simulation, viewer
     assert "Fridge" not in viewer._drag_controller.draggable
     dynamic = kitchenette().body("Mug").physics
     assert isinstance(dynamic, BodyPhysics)
-    simulation.run_on_engine(lambda engine: engine.set_physics(BodyId("Fridge"), dynamic), edits=True)
+    simulation.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("Fridge"), dynamic)), edits=True)
     wait_until(lambda: "Fridge" in viewer._drag_controller.draggable, "the fridge is draggable")
 
 
@@ -174,7 +175,7 @@ def test_highlighting_redraws_no_bodies(simulation: Simulation, viewer: Viewer) 
     wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
     cupboard = viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured")
     away = replace(kitchenette().body("Drawer").pose, position=(0.0, 3.0, 0.0))
-    simulation.run_on_engine(lambda engine: engine.set_pose(BodyId("Drawer"), away))
+    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Drawer"): away})))
     simulation.highlight([MUG], (1.0, 0.0, 0.0))
     wait_until(lambda: shown_plain(viewer, "Mug"), "the page is updated")
     assert viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured") is cupboard

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
     from mindstage.robots.models.model import RobotModel
     from mindstage.robots.robot import Robot
-    from mindstage.robots.skills.declaration import SkillStep
+    from mindstage.robots.skill_declaration import SkillStep
     from mindstage.simulation import Simulation
 
 __all__ = ["do"]
@@ -314,7 +314,7 @@ def _commands(text: str, *, deadline_s: float) -> list[Perform]:
     """The skills with their arguments, separated by semicolons."""
     from mindstage.errors import InvalidArgumentError, suggestion
     from mindstage.imagination import Perform
-    from mindstage.robots.skills.declaration import skill_specs, split_command
+    from mindstage.robots.skill_declaration import skill_specs, split_command
 
     known, steps = skill_specs(), list[Perform]()
     for part in filter(None, map(str.strip, text.split(";"))):

@@ -7,10 +7,10 @@ from operator import attrgetter
 
 from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
     Actuator,
     ActuatorMode,
     ActuatorState,
+    Applied,
     Capability,
     Contact,
     DynamicsScale,
@@ -24,7 +24,6 @@ from mindstage.engines.base import (
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
     SpawnReport,
 )
 from mindstage.engines.null import NullEngine
@@ -33,10 +32,10 @@ from mindstage.ranges import checked
 from mindstage.registry import Group, catalog, extensions
 
 __all__ = [
-    "DEFAULT_SPAWN_OPTIONS",
     "Actuator",
     "ActuatorMode",
     "ActuatorState",
+    "Applied",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -51,7 +50,6 @@ __all__ = [
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
-    "SpawnOptions",
     "SpawnReport",
     "is_remote",
     "make_engine",

@@ -6,10 +6,11 @@ since the joint was spawned, as in `Engine.joint_positions`.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 from mindstage.engines.base import Actuator, ActuatorMode
+from mindstage.engines.edits import SetActuators, SimulatedBodies
 from mindstage.engines.kinematic_tree import AXIS_NAMES, is_ball, movable_axes
 from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import BodyNotFoundError, closest_names
@@ -28,7 +29,7 @@ class ActuatedBodies:
     without_weight: frozenset[BodyId] = frozenset()
     """The bodies whose weight is compensated."""
     excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
-    """Pairs of bodies without contacts; see `SpawnOptions.excluded_pairs`."""
+    """Pairs of bodies without contacts; see `Spawn.excluded_pairs`."""
     geometry: GeometryMap = field(default_factory=lambda: NO_GEOMETRY)
     """Geometry that is not known to shape rules."""
 
@@ -49,38 +50,43 @@ class ActuatorSet:
         """An independent copy."""
         return ActuatorSet(dict(self.actuators), dict(self.axes), dict(self.commands), set(self.weightless))
 
-    def add(
-        self,
-        actuators: Iterable[Actuator],
-        *,
-        without_weight: Iterable[BodyId],
-        registry: EntityRegistry,
-        joints: Mapping[BodyId, Joint],
-    ) -> None:
-        """See `Engine.set_actuators`.
+    def apply(self, edit: SetActuators, *, registry: EntityRegistry, joints: Mapping[BodyId, Joint]) -> None:
+        """Adds and removes actuators; see `SetActuators`.
 
         Args:
-            actuators: the actuators.
-            without_weight: bodies whose weight is compensated from now on.
+            edit: the edit.
             registry: the bodies and joints of the world.
             joints: the joints that are simulated with other limits than those of the registry.
         """
-        added = {each.name: each for each in actuators}
+        added = {each.name: each for each in edit.actuators}
         axes = {name: driven_axis(each, registry, joints) for name, each in added.items()}
-        bodies = {registry.body(id).id for id in without_weight}
-        owners = {(each.joint, self.axes[name]): name for name, each in self.actuators.items() if name not in added}
+        bodies = {registry.body(id).id for id in edit.without_weight}
+        replaced = added.keys() | set(edit.removed)
+        owners = {(each.joint, self.axes[name]): name for name, each in self.actuators.items() if name not in replaced}
         for name, each in added.items():
             other = owners.setdefault((each.joint, axes[name]), name)
             if other != name:
                 axis = AXIS_NAMES[axes[name]]
                 raise ValueError(f"{name!r} drives the axis {axis!r} of {each.joint!r}, which {other!r} drives already")
+        for name in replaced & self.actuators.keys():
+            self._remove(name)
         self.actuators |= added
         self.axes |= axes
-        for name, each in added.items():
-            self.commands.pop(name, None)
-            if each.mode is not ActuatorMode.POSITION:
-                self.commands[name] = 0.0
-        self.weightless |= bodies
+        self.commands |= {name: 0.0 for name, each in added.items() if each.mode is not ActuatorMode.POSITION}
+        self.commands |= {name: command for name, command in edit.commands.items() if name in self.actuators}
+        self.weightless = (self.weightless - set(edit.with_weight)) | bodies
+
+    def inverse(self, edit: SetActuators) -> SetActuators:
+        """The edit that restores the actuators as they are before another one."""
+        names = {each.name for each in edit.actuators}
+        lost = (names | set(edit.removed)) & self.actuators.keys()
+        return SetActuators(
+            tuple(each for name, each in self.actuators.items() if name in lost),
+            without_weight=tuple(sorted(self.weightless.intersection(edit.with_weight))),
+            removed=tuple(sorted(names - self.actuators.keys())),
+            with_weight=tuple(sorted(set(edit.without_weight) - self.weightless)),
+            commands={name: command for name, command in self.commands.items() if name in lost},
+        )
 
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """See `Engine.set_commands`; nothing changes if it raises."""
@@ -98,16 +104,19 @@ class ActuatorSet:
         """
         self.weightless -= set(removed)
         for name in [name for name, each in self.actuators.items() if each.joint not in remaining_joints]:
-            del self.actuators[name], self.axes[name]
-            self.commands.pop(name, None)
+            self._remove(name)
 
-    def restore(self, before: ActuatorSet, ids: Collection[BodyId], joints: Collection[BodyId]) -> None:
-        """Adds the earlier actuators of joints that were removed, and bodies without weight."""
-        names = {name for name, each in before.actuators.items() if each.joint in joints} - self.actuators.keys()
-        self.axes |= {name: axis for name, axis in before.axes.items() if name in names}
-        self.commands |= {name: command for name, command in before.commands.items() if name in names}
-        self.actuators |= {name: each for name, each in before.actuators.items() if name in names}
-        self.weightless |= before.weightless.intersection(ids)
+    def _remove(self, name: str) -> None:
+        del self.actuators[name], self.axes[name]
+        self.commands.pop(name, None)
+
+    def restore(self, before: SimulatedBodies, *, registry: EntityRegistry, joints: Mapping[BodyId, Joint]) -> None:
+        """Adds the earlier actuators of joints that were removed and exist again, and bodies without weight."""
+        found = [each for each in before.actuators if each.joint in registry.joints and each.name not in self.actuators]
+        self.axes |= {each.name: driven_axis(each, registry, joints) for each in found}
+        self.actuators |= {each.name: each for each in found}
+        self.commands |= {each.name: before.commands[each.name] for each in found if each.name in before.commands}
+        self.weightless |= before.weightless
 
     @property
     def driven_joints(self) -> frozenset[BodyId]:

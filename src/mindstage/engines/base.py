@@ -12,7 +12,6 @@ current world, which is then unchanged; or it raises an `EngineError` because th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple, NewType, Protocol, runtime_checkable
 
@@ -22,15 +21,15 @@ from numpy.typing import NDArray
 
 from mindstage.access.limits import Duration
 from mindstage.ranges import Factor, Finite, ForceVector, NotNegative, Point, check_fields
-from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, Vector, World
+from mindstage.scene import BodyId, Color, Vector, World
 from mindstage.scene.display import counted, html_table
+from mindstage.scene.edits import Edit
 
 __all__ = [
-    "DEFAULT_SPAWN_OPTIONS",
     "Actuator",
     "ActuatorMode",
     "ActuatorState",
-    "BodySavingEngine",
+    "Applied",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -43,12 +42,10 @@ __all__ = [
     "PoseArray",
     "RebuildTime",
     "RebuildingEngine",
-    "SavedBodies",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
-    "SpawnOptions",
     "SpawnReport",
 ]
 
@@ -57,10 +54,6 @@ PoseArray = NDArray[np.float64]
 
 SavedState = NewType("SavedState", object)
 """The opaque result of `save_state`; only the engine that made it can restore it."""
-
-
-SavedBodies = NewType("SavedBodies", object)
-"""The opaque result of `save_bodies`; only the engine that made it can restore it."""
 
 
 class Capability(StrEnum):
@@ -79,9 +72,7 @@ class Capability(StrEnum):
     STATISTICS = "statistics"
     """`stats`."""
     ACTUATORS = "actuators"
-    """`set_actuators`, `set_commands` and `actuator_states`."""
-    SAVE_BODIES = "save bodies"
-    """The methods of `BodySavingEngine`."""
+    """`SetActuators`, `set_commands` and `actuator_states`."""
 
 
 class ActuatorMode(StrEnum):
@@ -243,24 +234,6 @@ class MovedBody(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it left the bounds of all bodies at the spawn, or fell far below them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpawnOptions:
-    """What a spawn adds to the statements of a world. A snapshot has the statements only."""
-
-    immovable: frozenset[BodyId] = frozenset()
-    """Dynamic bodies that are simulated as static ones, such as walls, until `set_physics` is called for them."""
-    ground: bool = False
-    """Whether a ground plane is added where there is nothing below loose bodies."""
-    settle: bool = True
-    """Whether loose bodies are moved out of what they overlap; otherwise such pairs do not collide."""
-    excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
-    """Pairs of bodies that never collide, in any order, at least one of them new: parts of a robot whose collision
-    shapes always overlap or never meet."""
-
-
-DEFAULT_SPAWN_OPTIONS = SpawnOptions()
-
-
 class SpawnReport(
     msgspec.Struct, frozen=True, kw_only=True, rename={"joints": "constraints", "failed_joints": "failed_constraints"}
 ):
@@ -290,7 +263,7 @@ class SpawnReport(
     @property
     def ok(self) -> bool:
         """Whether everything was spawned; notes do not count as failures."""
-        return not self._failures
+        return not self.failures
 
     @property
     def is_at_rest(self) -> bool:
@@ -298,21 +271,32 @@ class SpawnReport(
         return not self.moved
 
     @property
-    def _failures(self) -> tuple[SpawnFailure, ...]:
+    def failures(self) -> tuple[SpawnFailure, ...]:
+        """What could not be spawned: bodies first, then joints, then attachments."""
         return (*self.failed_bodies, *self.failed_joints, *self.failed_attachments)
 
     def __repr__(self) -> str:
         spawned = (self.bodies, "body"), (self.joints, "joint"), (self.attachments, "attachment")
         counts = ", ".join(counted(number, noun) for number, noun in spawned)
-        failed = f"{len(self._failures):,} failed" if self._failures else "nothing failed"
+        failed = f"{len(self.failures):,} failed" if self.failures else "nothing failed"
         return f"<{type(self).__name__}: {counts}, {failed}, {counted(len(self.notes), 'note')}>"
 
     def _repr_html_(self) -> str:
         """Failures and notes as an HTML table, for notebooks."""
-        rows = [("failed", each.id, each.reason) for each in self._failures]
+        rows = [("failed", each.id, each.reason) for each in self.failures]
         rows += [("moved", each.id, f"{each.distance_m:.3g} m") for each in self.moved]
         rows += [(note.kind.value, ", ".join(note.ids), note.text) for note in self.notes]
         return html_table(repr(self), ("kind", "about", "text"), rows)
+
+
+class Applied(msgspec.Struct, frozen=True, kw_only=True):
+    """An edit that was made."""
+
+    edit: Edit
+    inverse: Edit
+    """The edit that reverts it: it restores what this one has changed, wherever that has moved to since then."""
+    report: SpawnReport = SpawnReport()
+    """Of what was spawned, if anything was."""
 
 
 @runtime_checkable
@@ -335,80 +319,26 @@ class Engine(Protocol):
     def time_s(self) -> float:
         """Simulated time since the engine was created [s]."""
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
-        """Adds a world to the running one: bodies and lights first, then joints, then attachments.
+    @property
+    def state_key(self) -> object:
+        """The same object as long as the state is the same, apart from highlights; None if that is not known.
 
-        Entities that cannot be spawned (an id in use, a joint without its bodies, a pose that is not finite) are listed
-        in the report with the reason; the rest is spawned.
-
-        Args:
-            world: the world to add.
-            geometry: visual meshes and collision shapes of its bodies; a body without an entry is its primitive shape,
-                scaled to its size. Geometry is not part of a snapshot.
-            options: bodies that are static whatever the world says, and whether a ground is added.
+        A restored state has the key that it had when it was saved.
         """
 
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        """Removes bodies with their joints and attachments; bodies attached to them stay where they are.
+    def apply(self, edit: Edit) -> Applied:
+        """Makes an edit, and computes the one that reverts it from the state before.
+
+        Args:
+            edit: the edit; an engine may leave out kinds that its `capabilities` do not have.
 
         Raises:
-            BodyNotFoundError: for the first unknown id; nothing is deleted then.
+            WorldError: the world does not allow it, as stated at the class of the edit; nothing changes then.
+            UnsupportedByEngineError: the engine does not know edits of this kind.
         """
 
     def clear(self) -> None:
         """Removes everything; `time_s` is 0 again, unless the engine has a clock that cannot be set."""
-
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        """Attaches a child rigidly to a parent; both keep their current poses.
-
-        A child that is attached to another body is detached from it first.
-
-        Raises:
-            BodyNotFoundError: either body is unknown.
-            AttachmentError: the attachment would close a cycle.
-        """
-
-    def detach(self, child: BodyId) -> None:
-        """Detaches a child, which keeps its pose and velocity; does nothing if it is not attached.
-
-        Raises:
-            BodyNotFoundError: the body is unknown.
-        """
-
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        """Moves a body, at rest, and with it all bodies that are attached to it.
-
-        Args:
-            id: the body.
-            pose: its new pose in the world frame.
-
-        Raises:
-            BodyNotFoundError: the body is unknown.
-            PoseUnreachableError: a joint of the body does not allow the pose, or the pose is not finite.
-        """
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        """Replaces mobility, gravity, mass [kg] and overlap events of a body.
-
-        Raises:
-            BodyNotFoundError: the body is unknown.
-        """
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        """Replaces the surface materials of a body.
-
-        Raises:
-            BodyNotFoundError: the body is unknown.
-        """
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        """Sets the label of a body, its name for people; an empty one removes it. The id stays.
-
-        Raises:
-            BodyNotFoundError: the body is unknown.
-        """
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """Highlights bodies in a color, or removes their highlights.
@@ -496,23 +426,6 @@ class Engine(Protocol):
             BodyNotFoundError: for the first unknown id; nothing changes then.
         """
 
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        """Adds actuators, replacing those of the same names (capability ACTUATORS).
-
-        A joint with actuators has their friction and no other damping.
-        The command of a new one is its current position, or 0 for a velocity or an effort. Actuators are part of saved
-        states and forks, not of snapshots; they are removed with their joints.
-
-        Args:
-            actuators: the actuators.
-            without_weight: bodies whose weight the drives compensate, as those of real arms do; it replaces that of
-                earlier calls for the bodies that it names.
-
-        Raises:
-            BodyNotFoundError: a joint or body does not exist; nothing changes then.
-            ValueError: a joint cannot move along an axis, or has another actuator there; nothing changes then.
-        """
-
     def set_commands(self, commands: Mapping[str, Finite]) -> None:
         """Sets the commands of actuators by name (capability ACTUATORS); quick, and without a rebuild.
 
@@ -529,38 +442,6 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """Closes the engine; closing it again has no effect."""
-
-
-class BodySavingEngine(Engine, Protocol):
-    """An engine that restores deleted bodies exactly (capability SAVE_BODIES), while others stay where they are."""
-
-    def save_bodies(self) -> SavedBodies:
-        """Saves how all bodies are simulated, without their velocities; quick, and small."""
-
-    def restore_pose(self, id: BodyId, pose: Pose) -> None:
-        """Sets a pose that a body had: unlike `set_pose`, also where physics had pushed it beyond a limit of its joint.
-
-        Raises:
-            BodyNotFoundError: there is no such body.
-            PoseUnreachableError: the joint does not allow the pose, nor one near it.
-        """
-
-    def restore_bodies(
-        self, saved: SavedBodies, poses: Mapping[BodyId, PoseArray], *, displaced: Mapping[BodyId, PoseArray]
-    ) -> None:
-        """Adds bodies again that were deleted since, at rest.
-
-        They have their joints and attachments to bodies that exist, at any position of the joints, their actuators with
-        commands, and collide with what they collided with: nothing is decided anew, as a spawn does.
-
-        Args:
-            saved: the result of `save_bodies`.
-            poses: the bodies to restore, and their poses: seven numbers, with unit quaternions.
-            displaced: poses to which bodies that exist are moved first, with all that is connected to them.
-
-        Raises:
-            BodyExistsError: an id is in use; nothing changes then.
-        """
 
 
 class EngineSettings(NamedTuple):

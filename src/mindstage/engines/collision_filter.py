@@ -20,7 +20,7 @@ Every decision is a note in the spawn report.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
+from mindstage.engines.edits import SimulatedBodies
 from mindstage.scene import BodyId
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, contains, overlapping_pairs, penetration_depths
 from mindstage.scene.collision_shapes import CollisionShapeBatch, WallPanel, hollow_box
@@ -127,14 +128,12 @@ class CollisionFilter:
             self.wall_panels.pop(id, None)
             self.contents.pop(id, None)
 
-    def restore(self, before: CollisionFilter, ids: Collection[BodyId], *, existing: Container[BodyId]) -> None:
+    def restore(self, before: SimulatedBodies, *, existing: Container[BodyId]) -> None:
         """Adds the earlier decisions on bodies that were removed, as far as they are about existing ones."""
-        self.excluded_pairs |= {
-            (a, b) for a, b in before.excluded_pairs if (a in ids or b in ids) and a in existing and b in existing
-        }
-        self.non_colliding |= before.non_colliding.intersection(ids)
-        self.wall_panels |= {id: panels for id, panels in before.wall_panels.items() if id in ids}
-        self.contents |= {id: found for id, found in before.contents.items() if id in ids}
+        self.excluded_pairs |= {(a, b) for a, b in before.excluded_pairs if a in existing and b in existing}
+        self.non_colliding |= before.non_colliding
+        self.wall_panels |= before.wall_panels
+        self.contents |= before.contents
 
 
 @dataclass(frozen=True, slots=True)

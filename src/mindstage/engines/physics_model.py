@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.actuators import ActuatorSet
-from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Actuator, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines.base import Actuator, SpawnNote, SpawnNoteKind
 from mindstage.engines.collision_filter import (
     TOUCH_TOLERANCE_M,
     CollisionFilter,
@@ -27,6 +27,8 @@ from mindstage.engines.collision_filter import (
     compute_collision_filter,
     sorted_pair,
 )
+from mindstage.engines.editing import Performed, links_of, pose_row
+from mindstage.engines.edits import RestoreBodies, SetActuators, SettledPose, SimulatedBodies
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     KinematicForest,
@@ -44,16 +46,13 @@ from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nes
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import (
     IDENTITY,
-    NO_GEOMETRY,
     BodyId,
-    BodyPhysics,
     CollisionShape,
     GeometryMap,
     Joint,
     Mobility,
     Pose,
     Vector,
-    World,
 )
 from mindstage.scene.collision_shapes import (
     CollisionShapeBatch,
@@ -61,6 +60,7 @@ from mindstage.scene.collision_shapes import (
     fallback_collision_shape,
     wall_collision_shapes,
 )
+from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (
@@ -147,7 +147,7 @@ class PhysicsModel:
 
 
 def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
-    """Returns the current model of a builder."""
+    """The current model of a builder; call `update_collisions` first if anything was edited."""
     builder.order_forest()
     forest, masses = builder.forest, builder.masses()
     poses_in_root: dict[BodyId, Pose] = {}
@@ -317,10 +317,6 @@ class PhysicsModelBuilder:
             return compiled.shapes, compiled.poses
         return (fallback_collision_shape(self.registry.bodies[id], self.mass_properties.size(id)),), None
 
-    def build_model(self) -> PhysicsModel:
-        """The model as values; call `update_collisions` first if anything was edited."""
-        return build_physics_model(self)
-
     def bodies_moving_with(self, id: BodyId) -> list[BodyId]:
         """A body and all bodies that move with it, attached or on joints."""
         forest = self.forest
@@ -343,31 +339,39 @@ class PhysicsModelBuilder:
 
     # -- edits -------------------------------------------------------------------------------------------------
 
-    def add(
-        self,
-        world: World,
-        poses: Array,
-        *,
-        geometry: GeometryMap = NO_GEOMETRY,
-        options: SpawnOptions = DEFAULT_SPAWN_OPTIONS,
-    ) -> tuple[SpawnReport, dict[BodyId, Array]]:
-        """See `Engine.spawn`.
+    def apply(self, edit: Edit, poses: Array) -> Performed:
+        """Makes an edit; setting poses is left to the engine, and so is restoring bodies.
 
         Args:
-            world: the world to add; its bodies are at their described poses.
+            edit: the edit.
             poses: poses of all bodies so far.
-            geometry: geometry of the world's bodies.
-            options: immovable bodies, and whether a ground is added.
 
         Returns:
-            The report, and the poses of the bodies that have to be moved out of others, at rest.
+            The report of a spawn, and the poses of the bodies that have to be moved out of others, at rest.
         """
+        match edit:
+            case Spawn():
+                return self._spawn(edit, poses)
+            case Delete():
+                self.remove(edit.bodies)
+            case Attach():
+                self._attach(edit.parent, edit.child, poses)
+            case Detach():
+                self._detach(edit.child)
+            case BodyEdit():
+                self._change_body(edit)
+            case SetActuators():
+                self.actuators.apply(edit, registry=self.registry, joints=self.simulated_joints)
+        return Performed()
+
+    def _spawn(self, edit: Spawn, poses: Array) -> Performed:
+        """Adds a world, whose bodies are at their described poses."""
         self.update_collisions(poses)
-        added = self.registry.add(world)
-        self.registry.immovable |= options.immovable.intersection(added.bodies)
+        added = self.registry.add(edit.world)
+        self.registry.immovable |= edit.immovable.intersection(added.bodies)
         bodies = self.registry.bodies
-        self.apart |= {sorted_pair(a, b) for a, b in options.excluded_pairs if a in bodies and b in bodies}
-        invalid_notes = self.mass_properties.add(added.bodies, geometry)
+        self.apart |= {sorted_pair(a, b) for a, b in edit.excluded_pairs if a in bodies and b in bodies}
+        invalid_notes = self.mass_properties.add(added.bodies, edit.geometry)
         new_poses = pose_array(self.registry.bodies[id].pose for id in added.bodies)
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
         poses = np.concatenate([poses, new_poses])
@@ -380,22 +384,23 @@ class PhysicsModelBuilder:
         notes = [*outward_notes, *self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
-        collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=options.settle)
+        collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=edit.settle)
         notes += collision_notes
         moved = self._settle(loose, set(added.bodies), poses, notes) if loose.pairs else {}
         rows = {id: row for row, id in enumerate(self.registry.ids)} if moved else {}
+        before = {id: poses[rows[id]].copy() for id in moved if id not in added.bodies}
         for id, pose in moved.items():
             poses[rows[id]] = pose
         notes += self._hold_crowd(added.bodies)
         is_single = not (added.joints or added.attachments or moved)
-        place_notes = self._update_place_near(added.bodies, poses, has_ground=options.ground) if is_single else None
+        place_notes = self._update_place_near(added.bodies, poses, has_ground=edit.ground) if is_single else None
         if place_notes is None:
-            place_notes = self._update_place(added.bodies, poses, has_ground=options.ground)
+            place_notes = self._update_place(added.bodies, poses, has_ground=edit.ground)
         notes += place_notes
-        return added.report(notes), moved
+        return Performed(added.report(notes), moved, before)
 
     def remove(self, ids: Iterable[BodyId]) -> None:
-        """See `Engine.delete`."""
+        """Removes bodies; see `Delete`."""
         removed = {self.registry.body(id).id for id in ids}
         if not removed:
             return
@@ -423,57 +428,82 @@ class PhysicsModelBuilder:
         self._forest = forest
         self._changed_bodies.update(*(self.bodies_moving_with(id) for id in (*orphans, *child_roots)))
 
-    def restore(self, before: PhysicsModelBuilder, ids: Collection[BodyId], poses: Array) -> None:
-        """Adds deleted bodies again as they were, with the decisions about them; see `BodySavingEngine`.
+    def decisions(self, ids: Collection[BodyId]) -> SimulatedBodies:
+        """How some bodies, their joints and attachments are simulated, to restore them after they were deleted."""
+        kept, filtered = set(ids), self.collision_filter
+        world = self.registry.fragment(ids)
+        joints = {joint.id for joint in world.joints}
+        actuators = tuple(each for each in self.actuators.actuators.values() if each.joint in joints)
+        names, commands = {each.name for each in actuators}, self.actuators.commands
+        return SimulatedBodies(
+            attachment_poses={each.child: pose_row(self.attachment_poses[each.child]) for each in world.attachments},
+            joint_frames={id: (pose_row(a), pose_row(b)) for id, (a, b) in self.joint_frames.items() if id in joints},
+            simulated_joints={id: each for id, each in self.simulated_joints.items() if id in joints},
+            excluded_pairs=frozenset(pair for pair in filtered.excluded_pairs if not kept.isdisjoint(pair)),
+            apart=frozenset(pair for pair in self.apart if not kept.isdisjoint(pair)),
+            non_colliding=frozenset(filtered.non_colliding & kept),
+            wall_panels={id: panels for id, panels in filtered.wall_panels.items() if id in kept},
+            contents={id: found for id, found in filtered.contents.items() if id in kept},
+            actuators=actuators,
+            commands={name: command for name, command in commands.items() if name in names},
+            weightless=frozenset(self.actuators.weightless & kept),
+            immovable=frozenset(self.registry.immovable & kept),
+            settled={id: each for id, each in self.settled.items() if id in kept},
+            below_ground=frozenset(self._below_ground & kept),
+            undecided=frozenset(self._changed_bodies),
+        )
+
+    def restore(self, edit: RestoreBodies, poses: Array) -> None:
+        """Adds deleted bodies again as they were simulated.
 
         Args:
-            before: a copy of this builder that was made before they were deleted.
-            ids: the bodies.
+            edit: the edit.
             poses: poses of all bodies so far.
 
         Raises:
             BodyExistsError: an id is in use; nothing is added then.
         """
-        restored, links = set(ids), before.registry
-        pairs = [*links.parents.items(), *((joint.child, joint.parent) for joint in links.joints.values())]
-        neighbors = {end for pair in pairs if restored.intersection(pair) for end in pair}
+        before, restored = edit.decisions, set(edit.ids)
+        self.registry.require_free(restored)
+        neighbors = {end for link in links_of(edit.world) for end in (link.parent, link.child)}
         for id in neighbors & self.registry.bodies.keys():
-            self._changed_bodies -= set(self.bodies_moving_with(id)) - before._changed_bodies
+            self._changed_bodies -= set(self.bodies_moving_with(id)) - before.undecided
         self.update_collisions(poses)
-        joints, children = self.registry.restore(links, ids)
+        joints, children = self.registry.restore(edit.world, before.immovable)
         self._forest = None
-        self.mass_properties.add(restored, before.geometry)
-        self.attachment_poses |= {child: before.attachment_poses[child] for child in children}
-        self.joint_frames |= {id: before.joint_frames[id] for id in joints}
+        self.mass_properties.add(restored, edit.geometry)
+        self.attachment_poses |= {id: np.array(before.attachment_poses[id]) for id in children}
+        self.joint_frames |= {
+            id: (np.array(a), np.array(b)) for id, (a, b) in before.joint_frames.items() if id in joints
+        }
         self.simulated_joints |= {id: each for id, each in before.simulated_joints.items() if id in joints}
-        self.collision_filter.restore(before.collision_filter, restored, existing=self.registry.bodies.keys())
-        self.apart |= {pair for pair in before.apart if restored.intersection(pair)}
-        self.actuators.restore(before.actuators, restored, joints)
-        self.settled |= {id: each for id, each in before.settled.items() if id in restored}
-        self._below_ground |= before._below_ground & restored
-        self._changed_bodies |= before._changed_bodies & restored
+        self.collision_filter.restore(before, existing=self.registry.bodies.keys())
+        self.apart |= {pair for pair in before.apart if self.registry.bodies.keys() >= set(pair)}
+        self.actuators.restore(before, registry=self.registry, joints=self.simulated_joints)
+        self.settled |= before.settled
+        self._below_ground |= before.below_ground
+        self._changed_bodies |= before.undecided & restored
         self._collision_state = _CollisionState(self.forest, tuple(self.registry.joints.values()))
 
-    def attach(self, parent: BodyId, child: BodyId, poses: Array) -> None:
-        """See `Engine.attach`."""
+    def _attach(self, parent: BodyId, child: BodyId, poses: Array) -> None:
         self.registry.attach(parent, child)
         rows = [self.registry.ids.index(id) for id in (parent, child)]
         self.attachment_poses[child] = pose_multiply(pose_inverse(poses[rows[0]]), poses[rows[1]])
         self._forest = None
 
-    def detach(self, child: BodyId) -> bool:
-        """See `Engine.detach`; False if the body was not attached."""
+    def _detach(self, child: BodyId) -> None:
         if self.registry.body(child).id not in self.registry.parents:
-            return False
+            return
         self.registry.detach(child)
         self.attachment_poses.pop(child, None)
         self._forest = None
         self._changed_bodies.update(self.bodies_moving_with(child))
-        return True
 
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        """See `Engine.set_physics`."""
-        self.registry.replace(id, physics=physics)
+    def _change_body(self, edit: BodyEdit) -> None:
+        self.registry.change(edit)
+        if not isinstance(edit, SetPhysics):
+            return  # the others are not simulated
+        id = edit.id
         if self._are_single({id}):
             self._forest = self.forest.without_single_bodies({id})
             self._loose_roots = self._loose_roots and self._loose_roots - {id}
@@ -482,12 +512,6 @@ class PhysicsModelBuilder:
             self._forest = None
         self._changed_bodies.update(self.bodies_moving_with(id))
         self.late_notes += self.mass_properties.assumption_notes([id], self._is_dynamic)
-
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId]) -> None:
-        """See `Engine.set_actuators`."""
-        self.actuators.add(
-            actuators, without_weight=without_weight, registry=self.registry, joints=self.simulated_joints
-        )
 
     def update_attachment_pose(self, id: BodyId, target: Array, poses: Array) -> None:
         """Updates the attachment of a body that is moved to a target pose."""
@@ -705,7 +729,9 @@ class PhysicsModelBuilder:
         moved = {}
         for row, shift in settlement.shifts.items():
             moved[ids[row]] = np.concatenate([poses[row, :3] + shift, poses[row, 3:]])
-            self.settled[ids[row]] = SettledPose(moved[ids[row]], poses[row].copy(), float(np.linalg.norm(shift)))
+            self.settled[ids[row]] = SettledPose(
+                pose=pose_row(moved[ids[row]]), before=pose_row(poses[row]), shift_m=float(np.linalg.norm(shift))
+            )
         return moved
 
     def _hold_crowd(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
@@ -756,8 +782,9 @@ class PhysicsModelBuilder:
             settled = self.settled.get(id)
             if settled is None:
                 continue
-            is_near = np.abs(poses[row, :3] - settled.pose[:3]).max() <= _RESTING_TOLERANCE
-            if is_near and float(quat_angle(poses[row, 3:], settled.pose[3:])) <= _RESTING_TOLERANCE:
+            at = np.array(settled.pose)
+            is_near = np.abs(poses[row, :3] - at[:3]).max() <= _RESTING_TOLERANCE
+            if is_near and float(quat_angle(poses[row, 3:], at[3:])) <= _RESTING_TOLERANCE:
                 poses[row] = settled.before
         return poses
 
@@ -850,17 +877,6 @@ _RESTING_TOLERANCE = 1e-3
 """A resting body is at most this far from where it was put [m, rad]."""
 _GROUND_TOLERANCE_M = 0.05
 """The ground stays where it is while a body is this near to it [m]."""
-
-
-@dataclass(frozen=True, slots=True)
-class SettledPose:
-    """Where a spawn moved a body."""
-
-    pose: Array
-    before: Array
-    """Where it was before that: for a new body, the described pose."""
-    shift_m: float
-    """Distance from the described pose [m]."""
 
 
 _MAX_LOCAL_BODIES = 8

@@ -20,16 +20,15 @@ from mindstage.scene import (
     Attachment,
     Body,
     BodyId,
-    BodyPhysics,
     Color,
     Iri,
     Joint,
     Light,
-    Material,
     Mobility,
     Pose,
     World,
 )
+from mindstage.scene.edits import BodyEdit, SetPhysics
 from mindstage.scene.kinematics import moving_body, without_lost_masters
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, pose_multiply, quat_angle
 
@@ -202,36 +201,30 @@ class EntityRegistry:
 
     # -- changes ---------------------------------------------------------------------------------------------
 
-    def replace(
-        self,
-        id: BodyId,
-        *,
-        pose: Pose | None = None,
-        physics: BodyPhysics | None = None,
-        materials: tuple[Material, ...] | None = None,
-        label: str | None = None,
-    ) -> None:
-        """Replaces properties of a body; None keeps the current value, and an empty label removes it.
+    def change(self, edit: BodyEdit) -> None:
+        """Changes what is described of a body.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+        """
+        self.bodies[edit.id] = edit.changed(self.body(edit.id))
+        if isinstance(edit, SetPhysics):
+            (self.immovable.add if edit.immovable else self.immovable.discard)(edit.id)
+
+    def move(self, id: BodyId, pose: Pose) -> None:
+        """Sets the described pose of a body.
 
         Raises:
             BodyNotFoundError: there is no such body.
             PoseUnreachableError: the pose is not finite, or its quaternion is zero.
         """
         body = self.body(id)
-        if physics is not None:
-            self.immovable.discard(id)
-        if pose is not None and (reason := pose_error(pose)):
+        if reason := pose_error(pose):
             raise PoseUnreachableError(id, reason=reason)
-        self.bodies[id] = msgspec.structs.replace(
-            body,
-            pose=body.pose if pose is None else pose,
-            physics=body.physics if physics is None else physics,
-            materials=body.materials if materials is None else materials,
-            label=body.label if label is None else label or None,
-        )
+        self.bodies[id] = msgspec.structs.replace(body, pose=pose)
 
     def attach(self, parent: BodyId, child: BodyId) -> None:
-        """See `Engine.attach`."""
+        """Attaches a child to a parent; see `Attach` for what it raises."""
         self.body(parent), self.body(child)
         if reason := self._attachment_cycle_error(parent, child):
             raise AttachmentError(parent, child, reason=reason)
@@ -239,7 +232,7 @@ class EntityRegistry:
         self._link(parent, child)
 
     def detach(self, child: BodyId) -> None:
-        """See `Engine.detach`."""
+        """Detaches a child, if it is attached."""
         self.body(child)
         parent = self.parents.pop(child, None)
         if parent is not None:
@@ -261,7 +254,7 @@ class EntityRegistry:
         self.highlighted = changed
 
     def remove(self, ids: Iterable[BodyId]) -> None:
-        """See `Engine.delete`."""
+        """Removes bodies with their joints and attachments; see `Delete`."""
         removed = {self.body(id).id for id in ids}
         for id in removed:
             for child in self.children(id):
@@ -286,12 +279,31 @@ class EntityRegistry:
             if self._id_error(id):
                 raise BodyExistsError(id)
 
-    def restore(self, before: EntityRegistry, ids: Collection[BodyId]) -> tuple[set[BodyId], set[BodyId]]:
+    def fragment(self, ids: Iterable[BodyId]) -> World:
+        """Some bodies with their joints and attachments, also to others, as they were described.
+
+        Raises:
+            BodyNotFoundError: for the first unknown id.
+        """
+        found = {self.body(id).id: self.bodies[id] for id in ids}
+        return World(
+            iri=self._worlds[0].iri if self._worlds else Iri(""),
+            name=self._worlds[0].name if self._worlds else "",
+            bodies=tuple(found.values()),
+            joints=tuple(each for each in self.joints.values() if found.keys() & {each.parent, each.child}),
+            attachments=tuple(
+                Attachment(parent=parent, child=child)
+                for child, parent in self.parents.items()
+                if found.keys() & {parent, child}
+            ),
+        )
+
+    def restore(self, fragment: World, immovable: Collection[BodyId] = ()) -> tuple[set[BodyId], set[BodyId]]:
         """Adds deleted bodies again, with their joints and attachments to bodies that exist.
 
         Args:
-            before: a copy of this registry that was made before they were deleted.
-            ids: the bodies.
+            fragment: what `fragment` returned before they were deleted.
+            immovable: those of the bodies that were immovable.
 
         Returns:
             The ids of the joints, and those of the attached children.
@@ -299,20 +311,18 @@ class EntityRegistry:
         Raises:
             BodyExistsError: the id of a body is in use; nothing is added then.
         """
-        self.require_free(ids)
-        restored = set(ids)
-        self.bodies |= {id: body for id, body in before.bodies.items() if id in restored}
-        self.immovable |= before.immovable & restored
+        self.require_free(body.id for body in fragment.bodies)
+        self.bodies |= {body.id: body for body in fragment.bodies}
+        self.immovable.update(immovable)
         joints, children = set[BodyId](), set[BodyId]()
-        for joint in before.joints.values():
-            if restored & {joint.parent, joint.child} and not self._joint_error(joint):
+        for joint in fragment.joints:
+            if not self._joint_error(joint):
                 self.joints[joint.id] = joint
                 joints.add(joint.id)
-        for child, parent in before.parents.items():
-            attachment = Attachment(parent=parent, child=child)
-            if restored & {parent, child} and not self._attachment_error(attachment):
-                self._link(parent, child)
-                children.add(child)
+        for attachment in fragment.attachments:
+            if not self._attachment_error(attachment):
+                self._link(attachment.parent, attachment.child)
+                children.add(attachment.child)
         self._ids = None
         return joints, children
 

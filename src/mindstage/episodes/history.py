@@ -18,6 +18,7 @@ from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.history import EpisodeSource, PastEvent, SingleEpisode, WorldState
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Iri, World
+from mindstage.scene.edits import Delete
 from mindstage.simulation import Simulation
 from mindstage.simulation.imagined import match_world
 
@@ -208,8 +209,7 @@ class EpisodeHistory:
             now = {body.id for body in state.world.bodies}
             for world in state.spawned:
                 simulation.spawn(world, geometry={each: state.geometry[each] for each in state.geometry if each in now})
-            gone = [each for each in simulation.state.ids if each not in now]
-            simulation.run_on_engine(lambda engine: engine.delete(gone), label="resume", edits=True)
+            simulation.apply(Delete(tuple(each for each in simulation.state.ids if each not in now)))
             simulation.run_on_engine(
                 lambda engine: match_world(engine, state.world, worlds=state.spawned), label="resume", edits=True
             )

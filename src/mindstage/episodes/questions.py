@@ -58,7 +58,7 @@ __all__ = [
 _KINDS = frozenset(kind.value for kind in EpisodeEventKind)
 _MAX_PAIRS = 500_000
 _MOVED_M, _TURNED_RAD = 1e-3, math.radians(1.0)
-_MOVING_EDITS = frozenset({"set pose", "attach", "detach", "place", "pull", "spawn", "move", "joint"})
+_MOVING_EDITS = frozenset({"set poses", "attach", "detach", "place", "pull", "spawn", "add robot", "undo", "redo"})
 
 
 # -- occurs ----------------------------------------------------------------------------------------------------------

@@ -164,7 +164,7 @@ class EpisodeEdit(msgspec.Struct, frozen=True, kw_only=True):
 
     time_s: float
     kind: str
-    """What was done: "spawn", "delete", "set pose", "attach", "detach", "set physics", "reset", "highlight",
+    """What was done: "spawn", "delete", "set poses", "attach", "detach", "set physics", "reset", "highlight",
     "question", "imagination" …"""
     client: str = ""
     """Who did it, such as "viewer", "ROS: /client_3", "Python"."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -18,9 +19,8 @@ import msgspec
 
 from mindstage.access.limits import Duration, Speed, Timeout
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
-    Actuator,
     ActuatorState,
+    Applied,
     Capability,
     Contact,
     DynamicsScale,
@@ -29,7 +29,6 @@ from mindstage.engines.base import (
     PoseArray,
     SavedState,
     SpawnNote,
-    SpawnOptions,
     SpawnReport,
 )
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EpisodeFrame, Recording
@@ -46,7 +45,8 @@ from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import write_map
 from mindstage.ranges import Finite, ForceVector, Point, Time, checked
-from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
+from mindstage.scene import BodyId, Color, World
+from mindstage.scene.edits import Edit, Spawn
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import StateSnapshot
@@ -136,39 +136,22 @@ class ReplayEngine:
     def notes(self) -> tuple[SpawnNote, ...]:
         return ()
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    @property
+    def state_key(self) -> object:
+        return None
+
+    def apply(self, edit: Edit) -> Applied:
         """Accepts the worlds of the recording, once each; their bodies exist already."""
         self._require_open()
-        if not any(world is each for each in self.not_spawned):
-            self._refuse("spawn bodies")
+        if not isinstance(edit, Spawn) or not any(edit.world is each for each in self.not_spawned):
+            self._refuse(edit.kind)
+        world = edit.world
         self.not_spawned = tuple(each for each in self.not_spawned if each is not world)
-        return SpawnReport(bodies=len(world.bodies), joints=len(world.joints), attachments=len(world.attachments))
-
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        self._refuse("delete bodies")
+        report = SpawnReport(bodies=len(world.bodies), joints=len(world.joints), attachments=len(world.attachments))
+        return Applied(edit=edit, inverse=edit, report=report)
 
     def clear(self) -> None:
         self._refuse("remove its bodies")
-
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        self._refuse("attach bodies")
-
-    def detach(self, child: BodyId) -> None:
-        self._refuse("detach bodies")
-
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._refuse("move bodies")
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        self._refuse("change bodies")
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        self._refuse("change bodies")
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        self._refuse("change bodies")
 
     @checked
     def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
@@ -176,9 +159,6 @@ class ReplayEngine:
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self._refuse("scale masses and frictions")
-
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        self._refuse("drive joints")
 
     @checked
     def set_commands(self, commands: Mapping[str, Finite]) -> None:
@@ -450,8 +430,9 @@ class EpisodeReplay(Simulation):
 
         def resume(engine: Engine) -> tuple[str, ...]:
             self._require_recording()
-            worlds, options = self.worlds, SpawnOptions(immovable=self.immovable, ground=True)
-            live, notes = copied_engine(engine, worlds=worlds, geometry=self.geometry, options=options)
+            worlds = self.worlds
+            spawn = partial(Spawn, geometry=self.geometry, immovable=self.immovable, ground=True)
+            live, notes = copied_engine(engine, worlds=worlds, spawn=spawn)
             for id, color in engine.highlights().items():
                 live.highlight([id], color)
             self._live = _LiveState(engine.time_s, live, (self._worlds, self._temporary_worlds, self._reports))

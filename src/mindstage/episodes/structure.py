@@ -63,7 +63,7 @@ class WorldStructure:
             world: its bodies are in the order of the poses; their poses are those of unmoved bodies.
             unmoved_poses: see `EpisodeFrame`.
             spawned: the worlds that were spawned until then.
-            immovable: see `SpawnOptions`.
+            immovable: see `Spawn`.
         """
         self.number = number
         self.world = world

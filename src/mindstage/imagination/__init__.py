@@ -7,11 +7,9 @@ from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, 
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
 from mindstage.imagination.plan_files import PlanBuilder, PlanFile, PlanLike, dump_plan, load_plan, plan_schema
 from mindstage.imagination.plans import (
-    Attach,
     ChangePhysics,
     Check,
     Close,
-    Detach,
     Move,
     Open,
     Perform,
@@ -26,6 +24,7 @@ from mindstage.imagination.plans import (
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.verdicts import CauseCount, Progress, Replay, ReplayFrame, Verdict, imagine, wilson_interval
 from mindstage.lazy_names import lazy_names
+from mindstage.scene.edits import Attach, Detach
 
 if TYPE_CHECKING:
     from mindstage.imagination.warp_executor import WarpExecutor

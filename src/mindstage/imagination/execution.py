@@ -14,6 +14,7 @@ from typing import Any, NoReturn, Protocol, TypeAlias, TypeVar, cast
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.engines.base import Capability, DynamicsScale, Engine, PoseArray
 from mindstage.errors import (
@@ -29,11 +30,9 @@ from mindstage.errors import (
 )
 from mindstage.imagination.plan_files import PlanFile, PlanLike, load_plan
 from mindstage.imagination.plans import (
-    Attach,
     ChangePhysics,
     Check,
     Close,
-    Detach,
     Move,
     Open,
     Perform,
@@ -52,8 +51,9 @@ from mindstage.ranges import Index, Seed, checked
 from mindstage.rdf.graphs import local_name
 from mindstage.robots import find_robot
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
+from mindstage.robots.skill_declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector, as_pose
+from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
 from mindstage.simulation import Simulation
 from mindstage.simulation.joint_motion import find_joint
@@ -350,8 +350,8 @@ class _Sample:
         def perturb(engine: Engine) -> None:
             if scales:
                 engine.scale_dynamics(scales)
-            for id, pose in poses:
-                engine.set_pose(id, pose)
+            if poses:
+                engine.apply(SetPoses(dict(poses)))
 
         if scales or poses:
             self.simulation.run_on_engine(perturb, label="perturb", edits=True)
@@ -404,7 +404,8 @@ class _Sample:
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def _execute(self, step: PlanStep) -> _Passage:
-        self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.deadline_s)
+        if not isinstance(step, Edit):  # which takes no time
+            self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.deadline_s)
         try:
             yield from self._do(step)
         except (WorldError, KnowledgeError, RobotError) as error:
@@ -426,11 +427,9 @@ class _Sample:
             case Open() | Close():
                 yield from self._move_joint(step)
             case Attach():
-                parent, child = self._body(step.parent), self._body(step.child)
-                self._edit(lambda engine: engine.attach(parent, child), "attach")
+                self._edit(replace(step, parent=self._body(step.parent), child=self._body(step.child)))
             case Detach():
-                detached = self._body(step.child)
-                self._edit(lambda engine: engine.detach(detached), "detach")
+                self._edit(replace(step, child=self._body(step.child)))
             case ChangePhysics():
                 self._change_physics(step)
             case Perform():
@@ -460,8 +459,7 @@ class _Sample:
         return {} if merged is None else {id: merged}
 
     def _set_pose(self, id: BodyId, pose: Pose) -> None:
-        noisy = self._noisy(id, pose)
-        self._edit(lambda engine: engine.set_pose(id, noisy), "move")
+        self._edit(SetPoses({id: self._noisy(id, pose)}))
         self.watch.set_reference([id])
 
     def _push(self, step: Push) -> _Passage:
@@ -516,7 +514,7 @@ class _Sample:
             self.watch.set_reference([joint.body])
 
     def _perform(self, step: Perform) -> _Passage:
-        from mindstage.robots.skills.performance import start_skill  # takes a second, and few plans have skills
+        from mindstage.robots.skill_performance import start_skill  # takes a second, and few plans have skills
 
         if not isinstance(self.simulation, Simulation):
             raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
@@ -565,11 +563,11 @@ class _Sample:
         given = {name: value for name, value in changes.items() if value is not None}
         before = self.simulation.snapshot().body(id).physics
         physics = msgspec.structs.replace(before, **given)
-        self._edit(lambda engine: engine.set_physics(id, physics), "physics")
+        self._edit(SetPhysics(id, physics))
 
-    def _edit(self, edit: Callable[[Engine], None], label: str) -> None:
-        self.simulation.run_on_engine(edit, label=label, edits=True)
-        if label in {"attach", "detach", "physics"}:
+    def _edit(self, edit: Edit) -> None:
+        self.simulation.apply(edit)
+        if not isinstance(edit, SetPoses):
             self.watch.refresh()
 
     @contextmanager
@@ -788,7 +786,7 @@ class _Validator:
                 self._check_skill(path, step)
 
     def _check_skill(self, path: str, step: Perform) -> None:
-        from mindstage.robots.skills.declaration import skill_specs  # few plans have skills
+        from mindstage.robots.skill_declaration import skill_specs  # few plans have skills
 
         known = skill_specs()
         spec = known.get(step.skill)

@@ -21,11 +21,9 @@ import yaml
 from mindstage.access.limits import Deadline, PositiveDuration
 from mindstage.errors import PlanError
 from mindstage.imagination.plans import (
-    Attach,
     ChangePhysics,
     Check,
     Close,
-    Detach,
     Move,
     Open,
     Perform,
@@ -38,7 +36,8 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.ranges import ForceVector, Fraction, Point, PositiveMass, checked
-from mindstage.scene import Mobility, PoseLike, as_pose
+from mindstage.scene import BodyId, Mobility, PoseLike, as_pose
+from mindstage.scene.edits import Attach, Detach
 
 __all__ = ["PlanBuilder", "PlanFile", "PlanLike", "dump_plan", "load_plan", "plan_schema"]
 
@@ -191,15 +190,13 @@ class PlanBuilder:
         """Adds a `Wait`, whose deadline is by default long enough."""
         return self.add(Wait(duration_s=duration_s, **{"deadline_s": max(10.0, duration_s + 1.0), **options}))
 
-    @checked
-    def attach(self, child: str, *, to: str, **options: Deadline) -> Self:
+    def attach(self, child: str, *, to: str) -> Self:
         """Adds an `Attach`."""
-        return self.add(Attach(parent=to, child=child, **options))
+        return self.add(Attach(BodyId(to), BodyId(child)))
 
-    @checked
-    def detach(self, child: str, **options: Deadline) -> Self:
+    def detach(self, child: str) -> Self:
         """Adds a `Detach`."""
-        return self.add(Detach(child=child, **options))
+        return self.add(Detach(BodyId(child)))
 
     @checked
     def change_physics(

@@ -13,13 +13,12 @@ import msgspec
 from mindstage.access.limits import Deadline, PositiveDuration
 from mindstage.ranges import ForceVector, Fraction, NotNegative, Point, PositiveMass, check_fields
 from mindstage.scene import Mobility, Pose, as_pose
+from mindstage.scene.edits import Attach, Detach
 
 __all__ = [
-    "Attach",
     "ChangePhysics",
     "Check",
     "Close",
-    "Detach",
     "Move",
     "Open",
     "Perform",
@@ -111,19 +110,6 @@ class Wait(_Step, frozen=True, kw_only=True, tag="wait"):
     duration_s: PositiveDuration
 
 
-class Attach(_Step, frozen=True, kw_only=True, tag="attach"):
-    """Attaches a child rigidly to a parent, at their current poses."""
-
-    parent: str
-    child: str
-
-
-class Detach(_Step, frozen=True, kw_only=True, tag="detach"):
-    """Detaches a body from its parent."""
-
-    child: str
-
-
 class ChangePhysics(_Step, frozen=True, kw_only=True, tag="set_physics"):
     """Changes physical properties of a body; those that are None remain."""
 
@@ -145,6 +131,7 @@ class Perform(_Step, frozen=True, kw_only=True, tag="perform"):
     deadline_s: Deadline = 300.0
 
 
+# An edit is a step, too. Of these the others are part of what a step does, or are made of what has no words in a file.
 PlanStep: TypeAlias = Place | Move | Pull | Push | Open | Close | Wait | Attach | Detach | ChangePhysics | Perform
 
 

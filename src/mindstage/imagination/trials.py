@@ -22,7 +22,7 @@ from mindstage.engines import make_engine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
 from mindstage.imagination.execution import PlanRunner, is_uncertain
 from mindstage.imagination.plan_files import PlanFile, load_plan
-from mindstage.imagination.plans import Attach, Close, Detach, Open, Place, Plan, PlanStep, Uncertainty, Wait
+from mindstage.imagination.plans import Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
 from mindstage.imagination.verdicts import wilson_interval
@@ -32,6 +32,7 @@ from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge, Question
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Joint
 from mindstage.scene.display import counted
+from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.kinematics import is_robot_part
 from mindstage.scene.transforms import Array, normalize, pose_inverse, quat_rotate
 from mindstage.simulation import Simulation

@@ -17,15 +17,16 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.engines.base import Capability, Contact, DynamicsScale, Engine, PoseArray
+from mindstage.engines.base import Applied, Capability, Contact, DynamicsScale, Engine, PoseArray, SavedState
 from mindstage.engines.mujoco import CompiledState, MujocoEngine, whole_steps
 from mindstage.errors import EngineError, ImaginationError, PlanError, SimulationDivergedError, WorldError
 from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, never, resume
 from mindstage.imagination.executors import Job
-from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Move, Open, Perform, Place, Plan, PlanStep
+from mindstage.imagination.plans import ChangePhysics, Close, Move, Open, Perform, Place, Plan, PlanStep
 from mindstage.imagination.results import SampleResult
 from mindstage.imagination.warp_batch import BatchLimits, StepEnd, WarpBatch, load_warp, varied_fields
-from mindstage.scene import BodyId, BodyPhysics, Pose, Vector, World
+from mindstage.scene import BodyId, Vector, World
+from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses, counted_ids
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
 from mindstage.simulation.interaction import Perturbations, SpringPerturbation, spring_forces
@@ -315,10 +316,10 @@ class _BatchWorld:
         """A simulation in the state of this world, for what needs more than states and forces."""
 
         def load(engine: Engine) -> None:
-            for id, physics in self.engine.physics:
-                engine.set_physics(id, physics)
+            for edit in self.engine.physics:
+                engine.apply(edit)
             for id in self.template.driven:
-                engine.set_pose(id, pose_from_array(self.state.poses[self.state.ids.index(id)]))
+                engine.apply(SetPoses({id: pose_from_array(self.state.poses[self.state.ids.index(id)])}))
             if self.engine.scales:
                 engine.scale_dynamics(self.engine.scales)
             cast("MujocoEngine", engine).compiled().set_state(self.batch.state(self.row, time_s=self.time_s))
@@ -339,11 +340,30 @@ class _BatchWorld:
             return None
         return SimulationDivergedError(time_s=self.time_s, what="the state is not finite or far too large")
 
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        """See `Engine.set_pose`."""
-        self.template.set_pose(self.batch.state(self.row, time_s=self.time_s), id, pose)
-        self.batch.set_state(self.row, self.template.engine.compiled())
-        self._state = None
+    def apply(
+        self,
+        edit: Edit,
+        *,
+        engine: Engine | None = None,
+        leads_to: SavedState | None = None,
+        timeout_s: float | None = None,
+    ) -> Applied:
+        """Sets poses, or the physics of a body.
+
+        Raises:
+            WorldError: a body cannot take a pose.
+            ImaginationError: other edits change the model.
+        """
+        match edit:
+            case SetPoses():
+                self.template.set_poses(self.batch.state(self.row, time_s=self.time_s), edit)
+                self.batch.set_state(self.row, self.template.engine.compiled())
+                self._state = None
+            case SetPhysics():
+                self.engine.set_physics(edit)
+            case _:
+                raise ImaginationError(f"a world of a batch on a GPU cannot {edit.kind}; {_OTHERS}")
+        return Applied(edit=edit, inverse=edit)
 
 
 class _WorldEngine:
@@ -353,7 +373,7 @@ class _WorldEngine:
         self._world = world
         self._wrenches: dict[int, Array] = {}
         self.scales: dict[BodyId, DynamicsScale] = {}
-        self.physics: tuple[tuple[BodyId, BodyPhysics], ...] = ()
+        self.physics: tuple[SetPhysics, ...] = ()
         """The changes of physical properties, in their order."""
 
     def as_engine(self) -> Engine:
@@ -378,15 +398,16 @@ class _WorldEngine:
         if point is not None:
             wrench[3:] += np.cross(np.asarray(point) - world.batch.center_of_mass(world.row, body), force)
 
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._world.set_pose(id, pose)
+    def apply(self, edit: Edit) -> Applied:
+        return self._world.apply(edit)
 
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self.scales |= scales
         self._set_model()
 
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        self.physics += ((id, physics),)
+    def set_physics(self, edit: SetPhysics) -> None:
+        """Changes a body."""
+        self.physics += (edit,)
         self._set_model()
 
     def contacts(self) -> tuple[Contact, ...]:
@@ -431,7 +452,7 @@ class _Template:
         """An engine for edits of one world at a time."""
         self.driven: list[BodyId] = []
         """Kinematic bodies that the plan moves."""
-        self._engines: dict[tuple[tuple[BodyId, BodyPhysics], ...], MujocoEngine] = {}
+        self._engines: dict[tuple[SetPhysics, ...], MujocoEngine] = {}
         self._check(job.plan)
         self.changed_model = self._probe(job.plan)
         self._engines[()] = engine.fork()
@@ -447,26 +468,26 @@ class _Template:
         """Ends the simulation."""
         self.simulation.close()
 
-    def set_pose(self, state: CompiledState, id: BodyId, pose: Pose) -> None:
-        """Moves a body in a state; `engine` then has the result.
+    def set_poses(self, state: CompiledState, edit: SetPoses) -> None:
+        """Moves bodies in a state; `engine` then has the result.
 
         Raises:
-            WorldError: the body cannot take the pose.
+            WorldError: a body cannot take its pose.
         """
         compiled = self.engine.compiled()
         compiled.set_state(state, contacts=False)
-        self.engine.set_pose(id, pose)
+        self.engine.apply(edit)
         if self.engine.rebuild_pending or self.engine.compiled().model is not compiled.model:
-            raise ImaginationError(f"moving {id!r} changes the model, which all worlds of a batch share; {_OTHERS}")
+            raise ImaginationError(
+                f"moving {counted_ids(edit.ids)} changes the model, which all worlds of a batch share; {_OTHERS}"
+            )
 
-    def model_with(
-        self, physics: tuple[tuple[BodyId, BodyPhysics], ...], scales: Mapping[BodyId, DynamicsScale]
-    ) -> Any:
+    def model_with(self, physics: tuple[SetPhysics, ...], scales: Mapping[BodyId, DynamicsScale]) -> Any:
         """The MuJoCo model after some changes."""
         if physics not in self._engines:
             changed = self.engine.fork()
-            for id, each in physics:
-                changed.set_physics(id, each)
+            for edit in physics:
+                changed.apply(edit)
             changed.compiled()
             self._engines[physics] = changed
         scaled = self._engines[physics].fork()
@@ -510,13 +531,13 @@ class _Template:
         pose, model = pose_from_array(state.poses[state.ids.index(id)]), self.engine.compiled().model
         trial = self.engine.fork()
         try:
-            trial.set_pose(id, pose)
+            trial.apply(SetPoses({id: pose}))
         except WorldError:
             return True  # a joint allows only some poses, and the sample reports others
         if trial.rebuild_pending:
             return False
         if trial.compiled().model is not model:
-            self.engine.set_pose(id, pose)
+            self.engine.apply(SetPoses({id: pose}))
             self.driven.append(id)
         return True
 
@@ -529,9 +550,8 @@ class _Template:
                 assert id is not None  # the plan is valid
                 given = {"mass_kg": step.mass_kg, "gravity": step.gravity}
                 before = probe.snapshot().body(id).physics
-                probe.set_physics(
-                    id, replace(before, **{name: each for name, each in given.items() if each is not None})
-                )
+                changed = {name: each for name, each in given.items() if each is not None}
+                probe.apply(SetPhysics(id, replace(before, **changed)))
                 try:
                     varied_fields(model, probe.compiled().model)
                 except ValueError as error:

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.access.limits import OBSERVATIONS
-from mindstage.engines import Engine
 from mindstage.errors import (
     AmbiguousNameError,
     EpisodeError,
@@ -38,7 +37,6 @@ from mindstage.ranges import Time, check_number, declared_range
 from mindstage.rdf.graphs import local_name, namespace_of
 from mindstage.scene import (
     AngularLimits,
-    Attachment,
     AxisMotion,
     Body,
     BodyId,
@@ -49,6 +47,7 @@ from mindstage.scene import (
     SoftLimit,
     World,
 )
+from mindstage.scene.edits import Attach, SetPoses
 from mindstage.scene.kinematics import moving_body
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.scene.transforms import rotation_matrix as rotation_matrices
@@ -481,7 +480,7 @@ class ObjectPredicates:
         ids = (body.id for world in self._simulation.worlds for body in world.bodies if body.iri == one)
         body = next(ids, BodyId(local_name(one)))
         pose = _pose((*_numbers(position, 3), *_numbers(quaternion, 4)))
-        self._simulation.run_on_engine(lambda engine: engine.set_pose(body, pose), label="set pose", edits=True)
+        self._simulation.apply(SetPoses({body: pose}))
         return True
 
     def spawn_model(self, id: Value, cls: Value, numbers: Value) -> Value:
@@ -545,13 +544,8 @@ class ObjectPredicates:
             for joint in each.joints
         ):
             return True
-        attachment = Attachment(parent=BodyId(str(parent)), child=BodyId(str(child)))
-
-        def attach(engine: Engine) -> None:
-            engine.attach(attachment.parent, attachment.child)
-
         try:
-            self._simulation.run_on_engine(attach, label="attach", edits=True)
+            self._simulation.apply(Attach(BodyId(str(parent)), BodyId(str(child))))
         except MindstageError as error:
             return str(error)
         return True

@@ -44,6 +44,7 @@ from mindstage.rdf.graphs import local_name, namespace_of
 from mindstage.rdf.vocabulary import OWL, RDF, RDFS, TYPE, XSD
 from mindstage.scene import Attachment, BodyId, Color, Iri, IriRef, Joint, Literal, World
 from mindstage.scene.colors import parse_color
+from mindstage.scene.edits import Attach
 from mindstage.simulation import Simulation
 
 __all__ = [
@@ -326,8 +327,7 @@ class WorldPredicates:
 
     def attach(self, parent: Value, child: Value) -> Value:
         """Attaches a body to another one at its current pose."""
-        parent_id, child_id = self._body(parent), self._body(child)
-        self._simulation.run_on_engine(lambda engine: engine.attach(parent_id, child_id), label="attach", edits=True)
+        self._simulation.apply(Attach(self._body(parent), self._body(child)))
         return True
 
     def highlight(self, individuals: Sequence[Value], color: Value, reason: Value) -> Value:

@@ -11,21 +11,24 @@ from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.robots.base_placement import BasePlacement, find_base_poses
+    from mindstage.robots.edits import AddRobot, RemoveRobot, add_robot
     from mindstage.robots.kinematics import IkResult, RobotKinematics
     from mindstage.robots.models.model import RobotModel
     from mindstage.robots.navigation import plan_base
     from mindstage.robots.planning import plan_arm, plan_line, plan_path
-    from mindstage.robots.robot import JointState, Odometry, Robot, add_robot
+    from mindstage.robots.robot import JointState, Odometry, Robot
     from mindstage.robots.self_models import add_self_model, read_self_model
     from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 
 __all__ = [
+    "AddRobot",
     "BasePlacement",
     "HasRobots",
     "IkResult",
     "JointState",
     "JointTrajectory",
     "Odometry",
+    "RemoveRobot",
     "Robot",
     "RobotKinematics",
     "RobotModel",
@@ -44,11 +47,12 @@ __all__ = [
 
 _NAMES_BY_MODULE = {
     "base_placement": ("BasePlacement", "find_base_poses"),
+    "edits": ("AddRobot", "RemoveRobot", "add_robot"),
     "kinematics": ("IkResult", "RobotKinematics"),
     "models.model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
-    "robot": ("JointState", "Odometry", "Robot", "add_robot"),
+    "robot": ("JointState", "Odometry", "Robot"),
     "self_models": ("add_self_model", "read_self_model"),
     "trajectories": ("JointTrajectory", "TrajectoryPoint"),
 }

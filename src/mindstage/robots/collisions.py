@@ -8,17 +8,19 @@ in a copy of its world.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import msgspec
 import numpy as np
 
-from mindstage.engines.base import Engine, SpawnOptions
+from mindstage.engines.base import Engine
 from mindstage.engines.mujoco.kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.models.model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId, PoseLike, Vector
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.state import EngineSession
@@ -94,8 +96,8 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
 
 def _in_mujoco(engine: Engine, session: EngineSession) -> Engine:
     """A copy of the world of another engine in MuJoCo."""
-    options = SpawnOptions(immovable=session.immovable)
-    return copied_engine(engine, worlds=session.worlds, geometry=session.geometry, options=options, physics=True)[0]
+    spawn = partial(Spawn, geometry=session.geometry, immovable=session.immovable)
+    return copied_engine(engine, worlds=session.worlds, spawn=spawn, physics=True)[0]
 
 
 def _carried_by(

@@ -26,6 +26,7 @@ from mindstage.robots.control import (
 from mindstage.robots.drives import BaseDrive, JointDrive, RobotDrives
 from mindstage.robots.models.model import BaseType
 from mindstage.robots.trajectories import JointTrajectory, spline_of
+from mindstage.scene.edits import SetPoses
 
 __all__ = ["RobotController"]
 
@@ -211,7 +212,7 @@ class RobotController:
                 goal.end(MotionOutcome.CANCELED, "the base was put elsewhere", failure=MotionFailure.RESET)
                 self._report(goal)
         self._goals = tuple(goal for goal in self._goals if goal.result is None)
-        engine.set_pose(base.root, base.root_pose(pose))
+        engine.apply(SetPoses({base.root: base.root_pose(pose)}))
         states = engine.actuator_states()
         engine.set_commands({name: states[name].position for name in base.actuators})
 

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from mindstage.engines.base import Actuator, ActuatorMode, Engine
+from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.robots.models.model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld
@@ -187,7 +188,7 @@ class RobotDrives:
 
     def add_to(self, engine: Engine) -> None:
         """Adds the actuators to an engine that has the bodies of the robot."""
-        engine.set_actuators(self.records, without_weight=self.link_of_body)
+        engine.apply(SetActuators(self.records, tuple(self.link_of_body)))
 
 
 def drives_of(model: RobotModel, placed: RobotWorld, *, name: str) -> RobotDrives:

@@ -14,9 +14,6 @@ import time
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import count
-from os import PathLike
-from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import msgspec
@@ -26,22 +23,22 @@ from mindstage.access.limits import Timeout
 from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import ActuatorMode, ActuatorState, Capability, Engine, SpawnReport
 from mindstage.engines.kinematic_tree import movable_axes
-from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotModelError, RobotNotFoundError
-from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, checked
+from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotNotFoundError
+from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
-from mindstage.robots.drives import drives_of, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.models.model import Gripper, RobotModel
-from mindstage.robots.models.reading import load_model
+from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
-from mindstage.robots.world import RobotWorld, robot_world
-from mindstage.scene import IDENTITY, BodyId, PoseLike
+from mindstage.robots.world import RobotWorld
+from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
 from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.state import EngineSession, poses_in
 
-__all__ = ["JointState", "Odometry", "Robot", "RobotSession", "add_robot"]
+__all__ = ["JointState", "Odometry", "Robot", "RobotSession", "contact_free_pairs"]
 
 T = TypeVar("T")
 
@@ -77,11 +74,31 @@ class RobotSession(EngineSession, Protocol):
     def robots(self) -> Mapping[str, SimulatedRobot]:
         """The robots by name, except those whose bodies were deleted."""
 
-    def keep_robot(self, robot: SimulatedRobot) -> None:
-        """Adds a robot whose bodies are spawned."""
+    @property
+    def former_robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots that were removed, by name."""
 
-    def drop_robot(self, robot: SimulatedRobot) -> None:
-        """Deletes a robot with its bodies."""
+    def keep_robot(self, robot: SimulatedRobot) -> None:
+        """Keeps a robot that an edit has added; called in the engine thread."""
+
+    def drop_robot(self, name: str) -> None:
+        """Ends a robot that an edit has removed; called in the engine thread."""
+
+
+class SkillStarter(Protocol):
+    """Starts a skill, as `robots.skills.start_skill`, which imports this module."""
+
+    def __call__(
+        self,
+        robot: Robot,
+        name: str,
+        args: Mapping[str, object],
+        *,
+        deadline_s: float,
+        seed: int,
+        on_step: Callable[[SkillStep], object] | None,
+    ) -> Generator[float, None, SkillResult]:
+        """See `robots.skills.start_skill`."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -118,25 +135,30 @@ class Robot:
         model: RobotModel,
         placed: RobotWorld,
         *,
+        edit: Any,
         session: RobotSession,
         controller: RobotController,
         report: SpawnReport,
+        start_skill: SkillStarter,
     ) -> None:
-        """See `add_robot`.
+        """Made by the edit `AddRobot`.
 
         Args:
             name: its name in the simulation.
             model: its description.
             placed: its bodies and joints.
+            edit: the `AddRobot` that has added it.
             session: the simulation.
             controller: what commands its actuators.
         """
         self.name = name
         self.model = model
+        self.edit = edit
         self.session = session
         self.controller = controller
         self.report = report
         self._placed = placed
+        self._start_skill = start_skill
         self._root = placed.link_ids[model.root]
         controller.on_end(self._report_end)
         self._seen: tuple[BodyId, ...] | None = None
@@ -514,6 +536,36 @@ class Robot:
                 goal.cancel()
 
     @checked
+    def do(
+        self,
+        skill: str,
+        /,
+        *,
+        deadline_s: Timeout = 300.0,
+        seed: Seed = 0,
+        on_step: Callable[[SkillStep], object] | None = None,
+        **args: object,
+    ) -> SkillResult:
+        """Performs a skill, while the simulation is stepped as by `run`: `robot.do("open fridge_door")`.
+
+        Args:
+            skill: its name, `robot.do("open", thing="fridge_door")`, or a command with arguments, of which those that
+                belong together are in quotes.
+            deadline_s: the skill fails if it has not ended after this simulated time [s].
+            seed: of everything that is sampled.
+            on_step: called when a step begins and when it ends.
+            args: the arguments of the skill.
+
+        Returns:
+            The result, which is true if the skill succeeded. One that fails is a result, not an error.
+
+        Raises:
+            InvalidArgumentError: there is no such skill, or it does not take these arguments; nothing moved.
+        """
+        motion = self._start_skill(self, skill, args, deadline_s=deadline_s, seed=seed, on_step=on_step)
+        return self.run(motion, timeout_s=deadline_s)
+
+    @checked
     def run(self, motion: Generator[float, None, T], *, timeout_s: Timeout = 600.0) -> T:
         """Steps the simulation until a motion has ended, and returns its result.
 
@@ -599,7 +651,7 @@ class Robot:
 
     def remove(self) -> None:
         """Deletes it with its bodies."""
-        self.session.drop_robot(self)
+        self.session.apply(self.edit.removal(self.session.state.ids))
 
     def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
@@ -612,7 +664,16 @@ class Robot:
         assert isinstance(controller, RobotController)
         if Capability.ACTUATORS in session.capabilities:  # an engine that was not forked has no actuators yet
             session.run_on_engine(controller.connect, label="connect robot")
-        return Robot(self.name, self.model, self._placed, session=session, controller=controller, report=self.report)
+        return Robot(
+            self.name,
+            self.model,
+            self._placed,
+            edit=self.edit,
+            session=session,
+            controller=controller,
+            report=self.report,
+            start_skill=self._start_skill,
+        )
 
     def __repr__(self) -> str:
         kind = self.model.base.type.value
@@ -635,58 +696,3 @@ def _actuator_states(engine: Engine) -> Mapping[str, ActuatorState]:
 def contact_free_pairs(model: RobotModel, placed: RobotWorld) -> frozenset[tuple[BodyId, BodyId]]:
     """The pairs of bodies of a robot that have no contacts with each other."""
     return frozenset((placed.link_ids[a], placed.link_ids[b]) for a, b in model.disabled_collisions)
-
-
-def add_robot(
-    session: RobotSession,
-    source: str | PathLike[str] | RobotModel,
-    pose: PoseLike = IDENTITY,
-    *,
-    name: str = "",
-    xacro: bool | None = None,
-) -> Robot:
-    """Spawns a robot with its drives: `add_robot(sim, "mobile_manipulator")`.
-
-    Args:
-        session: the simulation.
-        source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
-        pose: where it stands on the floor, in the world frame.
-        name: its name; by default that of the model, numbered if there are several.
-        xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
-            Give False for a source that the user has not chosen.
-
-    Raises:
-        RobotNotFoundError: no model has that name.
-        RobotModelError: the description cannot be read, or not all of it can be spawned.
-    """
-    model = (
-        source
-        if isinstance(source, RobotModel)
-        else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro)
-    )
-    taken = set(session.robots)
-    if not name:
-        numbers = (model.name if number == 1 else f"{model.name}_{number}" for number in count(1))
-        prefixes = {id.partition(".")[0] for id in session.state.ids if "." in id}
-        name = next(each for each in numbers if each not in taken | prefixes)
-    elif name in taken:
-        raise RobotModelError(model.source or model.name, cause=f"a robot {name!r} exists", remedy="give another name")
-    world_ids = {joint.id for world in session.worlds for joint in world.joints}
-    placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
-    pairs = contact_free_pairs(model, placed)
-    existing = set(session.state.ids)
-    report = session.spawn(placed.world, geometry=placed.geometry, excluded_pairs=pairs)
-    if not report.ok:
-        failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-        spawned = {body.id for body in placed.world.bodies} & set(session.state.ids) - existing
-        session.run_on_engine(lambda engine: engine.delete(spawned), label="delete", edits=True)
-        first = failures[0]
-        raise RobotModelError(
-            model.source or model.name,
-            cause=f"{first.id!r} cannot be spawned: {first.reason}",
-            remedy="correct the description",
-        )
-    controller = RobotController(drives_of(model, placed, name=name))
-    robot = Robot(name, model, placed, session=session, controller=controller, report=report)
-    session.keep_robot(robot)
-    return robot

@@ -31,6 +31,7 @@ from mindstage.bridge.conversions import (
     world_to_json,
 )
 from mindstage.engines import Actuator, Capability, Engine, SavedState, SpawnReport
+from mindstage.engines.edits import SetActuators
 from mindstage.errors import EngineError, EpisodeError, MessageValidationError
 from mindstage.msgs import Action, Service, snake_case
 from mindstage.msgs import mindstage_msgs as wire
@@ -38,6 +39,18 @@ from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.ros.service import ActionSpec, GoalCanceledError, GoalContext, ServiceSpec
 from mindstage.ros.state import StateReader
 from mindstage.scene import BodyId, BodyPhysics, Material, Vector, World
+from mindstage.scene.edits import (
+    Attach,
+    Delete,
+    Detach,
+    GeometryEdit,
+    SetLabel,
+    SetMaterials,
+    SetPhysics,
+    SetPoses,
+    edit_from_json,
+    edit_to_json,
+)
 from mindstage.simulation import Simulation, StateSnapshot
 
 if TYPE_CHECKING:
@@ -166,6 +179,7 @@ class EngineServices:
         yield _service_spec(wire.Describe, self.describe, READ)
         yield self._edit_spec(wire.SpawnWorld, self.spawn_world, SPAWN)
         yield _service_spec(wire.LogWorld, self.snapshot_world, READ)
+        yield self._edit_spec(wire.ApplyEdit, self.apply_edit, SPAWN)
         yield self._edit_spec(wire.Delete, self.delete)
         yield self._edit_spec(wire.Clear, self.clear)
         yield self._edit_spec(wire.Attach, self.attach)
@@ -219,9 +233,19 @@ class EngineServices:
         """Returns the current world."""
         return wire.LogWorld.Response(success=True, world=world_to_json(self._simulation.snapshot()))
 
+    def apply_edit(self, request: wire.ApplyEdit.Request) -> wire.ApplyEdit.Response:
+        """Makes an edit of any kind; deleted bodies that it restores get the geometry that they had."""
+        try:
+            inverse = self._simulation.apply(edit_from_json(request.edit)).inverse
+        except ValueError as error:  # of actuators
+            return wire.ApplyEdit.Response(success=False, refusal=wire.Refusal(text=str(error)))
+        if isinstance(inverse, GeometryEdit):
+            inverse = msgspec.structs.replace(inverse, geometry={})
+        return wire.ApplyEdit.Response(success=True, inverse=edit_to_json(inverse).decode())
+
     def delete(self, request: wire.Delete.Request) -> wire.Delete.Response:
         """Removes bodies."""
-        self._edit("delete", lambda engine: engine.delete(tuple(map(BodyId, request.ids))))
+        self._simulation.apply(Delete(tuple(map(BodyId, request.ids))))
         return wire.Delete.Response(success=True)
 
     def clear(self, _: wire.Clear.Request) -> wire.Clear.Response:
@@ -231,37 +255,35 @@ class EngineServices:
 
     def attach(self, request: wire.Attach.Request) -> wire.Attach.Response:
         """Attaches a body to another one."""
-        self._edit("attach", lambda engine: engine.attach(BodyId(request.parent), BodyId(request.child)))
+        self._simulation.apply(Attach(BodyId(request.parent), BodyId(request.child)))
         return wire.Attach.Response(success=True)
 
     def detach(self, request: wire.Detach.Request) -> wire.Detach.Response:
         """Detaches a body."""
-        self._edit("detach", lambda engine: engine.detach(BodyId(request.child)))
+        self._simulation.apply(Detach(BodyId(request.child)))
         return wire.Detach.Response(success=True)
 
     # -- one body ------------------------------------------------------------------------------------------------------
 
     def set_pose(self, request: wire.SetPose.Request) -> wire.SetPose.Response:
         """Sets the pose of a body."""
-        pose = pose_from_message(request.pose)
-        self._simulation.run_on_engine(lambda engine: engine.set_pose(BodyId(request.id), pose), label="set pose")
+        self._simulation.apply(SetPoses({BodyId(request.id): pose_from_message(request.pose)}))
         return wire.SetPose.Response(success=True)
 
     def set_physics(self, request: wire.SetPhysics.Request) -> wire.SetPhysics.Response:
         """Sets the physics properties of a body."""
-        physics = from_json(request.physics, BodyPhysics)
-        self._edit("set physics", lambda engine: engine.set_physics(BodyId(request.id), physics))
+        self._simulation.apply(SetPhysics(BodyId(request.id), from_json(request.physics, BodyPhysics)))
         return wire.SetPhysics.Response(success=True)
 
     def set_materials(self, request: wire.SetMaterials.Request) -> wire.SetMaterials.Response:
         """Sets the materials of a body."""
         materials = from_json(request.materials, tuple[Material, ...])
-        self._edit("set materials", lambda engine: engine.set_materials(BodyId(request.id), materials))
+        self._simulation.apply(SetMaterials(BodyId(request.id), materials))
         return wire.SetMaterials.Response(success=True)
 
     def set_label(self, request: wire.SetLabel.Request) -> wire.SetLabel.Response:
         """Sets the label of a body."""
-        self._edit("set label", lambda engine: engine.set_label(BodyId(request.id), request.label))
+        self._simulation.apply(SetLabel(BodyId(request.id), request.label))
         return wire.SetLabel.Response(success=True)
 
     def highlight(self, request: wire.Highlight.Request) -> wire.Highlight.Response:
@@ -345,7 +367,7 @@ class EngineServices:
         actuators = from_json(request.actuators, tuple[Actuator, ...])
         bodies = tuple(map(BodyId, request.without_weight))
         try:
-            self._edit("set actuators", lambda engine: engine.set_actuators(actuators, without_weight=bodies))
+            self._simulation.apply(SetActuators(actuators, bodies))
         except ValueError as error:
             return wire.SetActuators.Response(success=False, refusal=wire.Refusal(text=str(error)))
         return wire.SetActuators.Response(success=True)
@@ -405,8 +427,8 @@ class EngineServices:
             report = self._spawn(world, goal.forms)
         if context.cancelled:
             present = set(self._state_reader.state().ids)
-            spawned = [body.id for body in world.bodies if body.id in present and body.id not in before]
-            self._edit("delete", lambda engine: engine.delete(spawned))
+            spawned = (body.id for body in world.bodies if body.id in present and body.id not in before)
+            self._simulation.apply(Delete(tuple(spawned)))
             raise GoalCanceledError
         context.send_feedback(feedback("spawned", report.bodies + report.joints + report.attachments))
         self._diagnostics.report_spawn("spawn_map", report)
@@ -453,9 +475,6 @@ class EngineServices:
 
     def _pose_bytes(self, snapshot: StateSnapshot) -> dict[str, Any]:
         return {"revision": self._revision(snapshot), "rows": snapshot.poses.astype("<f8").tobytes()}
-
-    def _edit(self, label: str, edit: Callable[[Engine], None]) -> None:
-        self._simulation.run_on_engine(edit, label=label, edits=True)
 
 
 def spawn_report(report: SpawnReport) -> wire.SpawnReport:

@@ -56,6 +56,7 @@ from mindstage.ros.service import OK, ResultError, ServiceSpec, failed, unsuppor
 from mindstage.ros.state import StateReader, free_id, map_iri
 from mindstage.scene import Attachment, Body, BodyId, GeometrySource, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.edits import Delete, SetPoses
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -380,7 +381,7 @@ class EntityServices:
             state, id = request.state, BodyId(request.entity)
             try:
                 pose = self._state_reader.to_world_frame(pose_from_message(state.pose), state.header.frame_id)
-                self._simulation.run_on_engine(lambda engine: engine.set_pose(id, pose), label="set pose")
+                self._simulation.apply(SetPoses({id: pose}))
             except (BodyNotFoundError, PoseUnreachableError) as error:
                 raise ResultError(wire.SetEntityStateCode.INVALID_POSE, str(error)) from error
         return wire.SetEntityState.Response(result=OK)
@@ -408,8 +409,8 @@ class EntityServices:
         """Deletes an entity; one that was spawned with parts, with those of its parts that exist."""
         self._state_reader.require([request.entity])
         rows = self._state_reader.row_by_id(self._state_reader.state())
-        ids = [id for id in _entity_ids(self._simulation.worlds, BodyId(request.entity)) if id in rows]
-        self._simulation.run_on_engine(lambda engine: engine.delete(ids), label="delete", edits=True)
+        ids = tuple(id for id in _entity_ids(self._simulation.worlds, BodyId(request.entity)) if id in rows)
+        self._simulation.apply(Delete(ids))
         return wire.DeleteEntity.Response(result=OK)
 
     def _header(self) -> std_msgs.Header:
@@ -666,8 +667,7 @@ class SpawnServices:
     def _remove(self, world: World) -> None:
         """Deletes what was spawned of an entity that failed."""
         added = {body.id for body in world.bodies}
-        ids = [id for id in self._simulation.state.ids if id in added]
-        self._simulation.run_on_engine(lambda engine: engine.delete(ids), label="delete", edits=True)
+        self._simulation.apply(Delete(tuple(id for id in self._simulation.state.ids if id in added)))
 
     def _template(self, resource: wire.Resource) -> tuple[World, Body | None]:
         if resource.uri and (known := self._resources.find_body(resource.uri)):

@@ -45,6 +45,7 @@ from mindstage.ros.simulation_interfaces import (
     has_tags,
 )
 from mindstage.scene import World
+from mindstage.scene.edits import Delete
 from mindstage.simulation import Simulation
 
 __all__ = ["SimulationControlServices", "WorldServices"]
@@ -306,8 +307,7 @@ class SimulationControlServices:
 
     def _delete_later_spawns(self) -> None:
         start = self._simulation.start_ids
-        spawned = [id for id in self._simulation.state.ids if id not in start]
-        self._simulation.run_on_engine(lambda engine: engine.delete(spawned), label="delete", edits=True)
+        self._simulation.apply(Delete(tuple(id for id in self._simulation.state.ids if id not in start)))
 
 
 def _step_chunks(steps: int, step_s: float, *, single: bool = False) -> Iterator[int]:

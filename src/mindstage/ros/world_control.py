@@ -31,6 +31,7 @@ from mindstage.ros.service import ServiceSpec
 from mindstage.ros.state import StateReader, free_id, map_iri
 from mindstage.scene import Attachment, Body, BodyId, Iri, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, overlapping_pairs, penetration_depths
+from mindstage.scene.edits import Attach, Delete, SetMaterials, SetPhysics, SetPoses
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 
@@ -277,9 +278,7 @@ class WorldControlServices:
         return wire.DeleteAll.Response(success=True)
 
     def _delete(self, ids: Sequence[str]) -> None:
-        self._simulation.run_on_engine(
-            lambda engine: engine.delete(tuple(map(BodyId, ids))), label="delete", edits=True
-        )
+        self._simulation.apply(Delete(tuple(map(BodyId, ids))))
 
     # -- poses ---------------------------------------------------------------------------------------------------------
 
@@ -313,12 +312,11 @@ class WorldControlServices:
         parent, child = BodyId(request.parent_id), BodyId(request.child_id)
         if parent == child:
             raise AttachmentError(parent, child, reason="a body cannot be attached to itself")
-        self._simulation.run_on_engine(lambda engine: engine.attach(parent, child), label="attach", edits=True)
+        self._simulation.apply(Attach(parent, child))
         return wire.AttachModelToParent.Response(success=True)
 
     def _set_pose(self, id: str, request: wire.SetModelPose.Request | wire.MoveObject.Request) -> None:
-        pose = pose_from_message(request.pose)
-        self._simulation.run_on_engine(lambda engine: engine.set_pose(BodyId(id), pose), label="set pose")
+        self._simulation.apply(SetPoses({BodyId(id): pose_from_message(request.pose)}))
 
     def _id_of_actor(self, name: str) -> str:
         bodies = self._state_reader.world().bodies
@@ -339,16 +337,13 @@ class WorldControlServices:
     def set_material(self, request: wire.SetMaterial.Request) -> wire.SetMaterial.Response:
         """Sets the materials of a body."""
         materials = materials_from_lists(request.material_names, request.material_paths)
-        id = BodyId(request.id)
-        self._simulation.run_on_engine(
-            lambda engine: engine.set_materials(id, materials), label="set materials", edits=True
-        )
+        self._simulation.apply(SetMaterials(BodyId(request.id), materials))
         return wire.SetMaterial.Response(success=True)
 
     def set_physics(self, request: wire.SetPhysicsProperties.Request) -> wire.SetPhysicsProperties.Response:
         """Sets the physics properties of a body."""
-        id, physics = BodyId(request.id), physics_from_message(request.physics_properties)
-        self._simulation.run_on_engine(lambda engine: engine.set_physics(id, physics), label="set physics", edits=True)
+        physics = physics_from_message(request.physics_properties)
+        self._simulation.apply(SetPhysics(BodyId(request.id), physics))
         return wire.SetPhysicsProperties.Response(success=True)
 
     # -- the simulation------------------------------------------------------------------------------------------------

@@ -4,12 +4,12 @@ from mindstage.engines.base import EngineStats, SpawnNoteKind
 from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
 from mindstage.simulation.image import SimulationImage
 from mindstage.simulation.imagined import ForkOrigin
-from mindstage.simulation.interaction import JointAxisState, JointHandle
+from mindstage.simulation.interaction import JointAxisState, JointHandle, SpawnRecord
 from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
 from mindstage.simulation.observation import ClientDirectory, ConnectedClient
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import SimulationBody, StateSnapshot
-from mindstage.simulation.undo import SpawnRecord, UndoHistory, UndoStack
+from mindstage.simulation.undo import UndoHistory, UndoStack
 
 __all__ = [
     "ClientDirectory",

@@ -14,9 +14,10 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.errors import BodyNotFoundError, InvalidArgumentError
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError, SpawnRefusedError
 from mindstage.scene import Attachment, Body, BodyId, Iri, Joint, Pose, Vector, World
 from mindstage.scene.bounding_boxes import world_bounds
+from mindstage.scene.edits import counted_ids
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.simulation.placement import FreePlaces, free_id, iri_prefix
 from mindstage.simulation.state import EngineSession
@@ -135,7 +136,7 @@ class BodyGroup(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def paste_group(simulation: EngineSession, group: BodyGroup, *, verb: str = "pasted") -> tuple[BodyId, ...]:
-    """Spawns copies of a group beside the original, or at its pose if that is free, as one edit.
+    """Spawns copies of a group beside the original, or at its pose if that is free, as one edit of the history.
 
     Without free space within some group sizes the copies are beside the original all the same; a simulation that runs
     then moves them apart.
@@ -148,15 +149,11 @@ def paste_group(simulation: EngineSession, group: BodyGroup, *, verb: str = "pas
     """
     world = _renamed(simulation, group)
     world = _moved(world, _free_offset(simulation, world))
-    report = simulation.spawn(world, persistent=False)
     pasted = tuple(body.id for body in world.bodies)
-    failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-    if failures:
-        present = set(simulation.state.ids)
-        simulation.run_on_engine(
-            lambda engine: engine.delete([id for id in pasted if id in present]), label="paste", edits=True
-        )
-        raise InvalidArgumentError(failures[0].id, cause=failures[0].reason)
+    try:
+        simulation.spawn(world, persistent=False, title=f"{counted_ids(pasted)} {verb}")
+    except SpawnRefusedError as error:
+        raise InvalidArgumentError(error.id, cause=error.reason) from error
     return pasted
 
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 from msgspec.structs import replace
 
 from mindstage.access.resources import require_granted
-from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnOptions, SpawnReport
+from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, GeometrySource, World
+from mindstage.scene.edits import Spawn
 
 if TYPE_CHECKING:
     from mindstage.geometry.fit import FittedGeometry, MeshProvider
@@ -75,9 +76,7 @@ class GeometryProvider:
         """
         from mindstage.geometry.fit import FitNote, FittedGeometry, fit_geometry
 
-        names = {body.mesh for body in world.bodies}
-        require_granted(names, known=self._mesh_names)
-        self._mesh_names |= names
+        self.require_granted(world)
         if geometry is not None:
             return FittedGeometry(geometry)
         if self._shapes:
@@ -86,6 +85,16 @@ class GeometryProvider:
             return FittedGeometry(NO_GEOMETRY)
         found = self._meshes.geometry_for(world.bodies)
         return FittedGeometry(found.geometry, tuple(FitNote((), text) for text in found.notes))
+
+    def require_granted(self, world: World) -> None:
+        """Checks the meshes that a world names.
+
+        Raises:
+            ResourceRefusedError: a client of a port names a mesh that is not granted.
+        """
+        names = {body.mesh for body in world.bodies}
+        require_granted(names, known=self._mesh_names)
+        self._mesh_names |= names
 
     def find_immovable(self, world: World) -> ImmovableBodies:
         """The dynamic bodies of a world that cannot be loose, by their class or size."""
@@ -98,34 +107,29 @@ class GeometryProvider:
         """The bodies that were spawned as immovable ones."""
         return self._immovable
 
-    def options(
-        self,
-        *,
-        immovable: frozenset[BodyId] | None = None,
-        excluded_pairs: frozenset[tuple[BodyId, BodyId]] | None = None,
-        ground: bool = False,
-    ) -> SpawnOptions:
-        """The options of a spawn; by default as bodies were spawned before."""
-        return SpawnOptions(
-            immovable=self._immovable if immovable is None else immovable,
-            excluded_pairs=self._excluded_pairs if excluded_pairs is None else excluded_pairs,
+    def respawn(self, world: World, *, ground: bool) -> Spawn:
+        """The edit that spawns a world as it was spawned before."""
+        return Spawn(
+            world,
+            geometry=self.for_world(world),
+            immovable=self._immovable,
+            excluded_pairs=self._excluded_pairs,
             ground=ground,
         )
 
-    def add(
-        self,
-        geometry: GeometryMap,
-        *,
-        failed: Iterable[SpawnFailure] = (),
-        immovable: frozenset[BodyId] = frozenset(),
-        excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
-    ) -> None:
+    def add(self, edit: Spawn, failed: Iterable[SpawnFailure] = ()) -> None:
         """Keeps the geometry of spawned bodies; a failed body may have the id of one that exists."""
         failed_ids = {failure.id for failure in failed}
         with self._lock:
-            self._excluded_pairs |= excluded_pairs
-            self._immovable |= immovable - failed_ids
-            self._geometry |= {id: fitted for id, fitted in geometry.items() if id not in failed_ids}
+            self._excluded_pairs |= edit.excluded_pairs
+            self._immovable |= edit.immovable - failed_ids
+            self._geometry |= {id: fitted for id, fitted in edit.geometry.items() if id not in failed_ids}
+            self._cached = ((), NO_GEOMETRY)
+
+    def restore(self, geometry: GeometryMap) -> None:
+        """Keeps the geometry of restored bodies."""
+        with self._lock:
+            self._geometry |= geometry
             self._cached = ((), NO_GEOMETRY)
 
     def for_world(self, world: World) -> GeometryMap:

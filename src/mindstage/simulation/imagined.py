@@ -15,29 +15,23 @@ import msgspec
 import numpy as np
 
 from mindstage.engines import NullEngine, make_engine
-from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
-    Actuator,
-    Capability,
-    Engine,
-    PoseArray,
-    SavedState,
-    SpawnOptions,
-    SpawnReport,
-)
+from mindstage.engines.base import Applied, Capability, Engine, PoseArray, SavedState
 from mindstage.errors import CommitError, WorldError
-from mindstage.scene import NO_GEOMETRY, Body, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
+from mindstage.scene import Body, BodyId, World
+from mindstage.scene.edits import Attach, Detach, Edit, SetLabel, SetMaterials, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array
-from mindstage.simulation.interaction import JointHandle
+from mindstage.simulation.interaction import JointHandle, SpawnRecord
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.state import EngineSession
-from mindstage.simulation.undo import SpawnRecord
 
 __all__ = [
+    "ClearWorld",
     "EditRecordingEngine",
     "ForkOrigin",
+    "MoveJoint",
     "commit_edits",
     "copied_engine",
+    "make_edit",
     "match_world",
     "without_bodies",
     "world_with_bodies",
@@ -76,20 +70,34 @@ class ForkOrigin:
         return ""
 
 
-Edit = Callable[[EngineSession], object]
+class MoveJoint(Edit, frozen=True):
+    """Moves a joint by its drive or by pulling, while time passes; engines do not make it."""
+
+    joint: BodyId
+    position: float
+    """[m or rad]."""
+
+    @property
+    def label(self) -> str:
+        """See `Edit`."""
+        return self.title or f"move joint {self.joint} to {self.position:.4g}"
+
+
+class ClearWorld(Edit, frozen=True):
+    """Removes everything; `Engine.clear` makes it."""
 
 
 class EditRecordingEngine:
-    """Passes all calls on to an engine, and records the edits, so that they can be made in another simulation."""
+    """Passes all calls on to an engine, and lists the edits, so that they can be made in another simulation."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
-        self._edits: tuple[tuple[str, Edit], ...] = ()
+        self._edits: tuple[Edit, ...] = ()
         self._was_restored = False
 
     @property
-    def edits(self) -> tuple[tuple[str, Edit], ...]:
-        """The label of each edit, and a function that makes it in another simulation."""
+    def edits(self) -> tuple[Edit, ...]:
+        """The edits since the engine was copied."""
         return self._edits
 
     @property
@@ -114,55 +122,15 @@ class EditRecordingEngine:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._engine, name)
 
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        """Those of the engine whose edits can be repeated in the original, which may be simulated by another one."""
-        return self._engine.capabilities - {Capability.SAVE_BODIES}
-
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    def apply(self, edit: Edit) -> Applied:
         """See `Engine`; the same holds for the methods below."""
-        report = self._engine.spawn(world, geometry=geometry, options=options)
-
-        def spawn(other: EngineSession) -> None:
-            other.spawn(world, geometry=geometry, persistent=False)
-
-        self._edits += ((f"spawn {', '.join(body.id for body in world.bodies[:3])}", spawn),)
-        return report
-
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        deleted = tuple(ids)
-        self._record(f"delete {', '.join(deleted[:3])}", lambda engine: engine.delete(deleted))
+        applied = self._engine.apply(edit)
+        self._edits += (edit,)
+        return applied
 
     def clear(self) -> None:
-        self._record("clear", lambda engine: engine.clear())
-
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        self._record(f"attach {child} to {parent}", lambda engine: engine.attach(parent, child))
-
-    def detach(self, child: BodyId) -> None:
-        self._record(f"detach {child}", lambda engine: engine.detach(child))
-
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._record(f"move {id}", lambda engine: engine.set_pose(id, pose))
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        self._record(f"physics of {id}", lambda engine: engine.set_physics(id, physics))
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        self._record(f"materials of {id}", lambda engine: engine.set_materials(id, materials))
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        self._record(f"label of {id}", lambda engine: engine.set_label(id, label))
-
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        added, bodies = tuple(actuators), tuple(without_weight)
-        label = f"actuators {', '.join(each.name for each in added[:3])}"
-        self._record(label, lambda engine: engine.set_actuators(added, without_weight=bodies))
-
-    def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
-        self._engine.highlight(ids, color)
+        self._engine.clear()
+        self._edits += (ClearWorld(),)
 
     def save_state(self) -> SavedState:
         return SavedState(_RecordedState(self._engine.save_state(), self._edits, self._was_restored))
@@ -177,21 +145,13 @@ class EditRecordingEngine:
 
     def add_joint_motion(self, id: BodyId, position: float) -> None:
         """Records that a joint was moved to a position [m or rad] by its drive or by pulling."""
-
-        def move(other: EngineSession) -> None:
-            find_joint(other, id).move_to(position)
-
-        self._edits += ((f"move joint {id} to {position:.4g}", move),)
-
-    def _record(self, label: str, edit: Callable[[Engine], None]) -> None:
-        edit(self._engine)
-        self._edits += ((label, lambda other: other.run_on_engine(edit, label=label, edits=True)),)
+        self._edits += (MoveJoint(id, position),)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RecordedState:
     state: SavedState
-    edits: tuple[tuple[str, Edit], ...] = field(repr=False)
+    edits: tuple[Edit, ...] = field(repr=False)
     was_restored: bool
 
 
@@ -223,22 +183,31 @@ def commit_edits(engine: Engine, origin: ForkOrigin | None) -> tuple[str, ...]:
     if change := origin.change():
         raise CommitError(reason=f"{change}; make another copy")
     done: list[str] = []
-    for label, edit in engine.edits:
+    for edit in engine.edits:
         try:
-            edit(origin.original)
+            make_edit(origin.original, edit)
         except WorldError as error:
             made = f"{', '.join(done)} was done" if done else "nothing was done"
-            raise CommitError(reason=f"{label}: {error} ({made})") from error
-        done.append(label)
+            raise CommitError(reason=f"{edit.label}: {error} ({made})") from error
+        done.append(edit.label)
     return tuple(done)
+
+
+def make_edit(session: EngineSession, edit: Edit) -> None:
+    """Makes an edit of a copy, or of a recording, in a simulation; a joint is moved there by pulling again."""
+    if isinstance(edit, MoveJoint):
+        find_joint(session, edit.joint).move_to(edit.position)
+    elif isinstance(edit, ClearWorld):
+        session.run_on_engine(lambda engine: engine.clear(), label="clear", edits=True)
+    else:
+        session.apply(edit)
 
 
 def copied_engine(
     engine: Engine,
     *,
     worlds: Iterable[World],
-    geometry: GeometryMap,
-    options: SpawnOptions,
+    spawn: Callable[[World], Spawn],
     physics: bool = False,
 ) -> tuple[Engine, tuple[str, ...]]:
     """An engine in the state of another one, and notes on what it does not have in common with it.
@@ -246,8 +215,7 @@ def copied_engine(
     Args:
         engine: the engine, called in the thread that owns it.
         worlds: the worlds that were spawned in it.
-        geometry: the geometry of its bodies.
-        options: the options of their spawns.
+        spawn: the edit that spawned a world, or a part of one.
         physics: whether an engine without physics is copied to MuJoCo.
     """
     has_physics = engine.name != NullEngine.name
@@ -267,7 +235,7 @@ def copied_engine(
         part = msgspec.structs.replace(
             world, bodies=bodies, joints=joints, attachments=() if world is present else tuple(attachments)
         )
-        copied.spawn(part, geometry=geometry, options=options)
+        copied.apply(spawn(part))
     cause = "cannot be forked" if has_physics else "has no physics"
     notes = [f"{engine.name} {cause}: the copy is simulated by {copied.name}, from a snapshot at rest"]
     _match_attachments(copied, present)
@@ -294,9 +262,9 @@ def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> t
     before = {body.id: body for body in engine.snapshot().bodies}
     for body in present.bodies:
         if body.id in before and before[body.id].materials != body.materials:
-            engine.set_materials(body.id, body.materials)
+            engine.apply(SetMaterials(body.id, body.materials))
         if body.id in before and before[body.id].label != body.label:
-            engine.set_label(body.id, body.label or "")
+            engine.apply(SetLabel(body.id, body.label or ""))
     return tuple(notes)
 
 
@@ -306,13 +274,13 @@ def _match_attachments(copied: Engine, present: World) -> None:
     now = {each.child: each.parent for each in copied.snapshot().attachments}
     for child, parent in now.items():
         if wanted.get(child) != parent:
-            copied.detach(child)
+            copied.apply(Detach(child))
     poses = {body.id: body.pose for body in present.bodies}
     for child, parent in wanted.items():
         if now.get(child) != parent:
-            copied.set_pose(parent, poses[parent])
-            copied.set_pose(child, poses[child])
-            copied.attach(parent, child)
+            copied.apply(SetPoses({parent: poses[parent]}))
+            copied.apply(SetPoses({child: poses[child]}))
+            copied.apply(Attach(parent, child))
 
 
 def _match_bodies(
@@ -336,11 +304,11 @@ def _match_bodies(
             notes.append(f"{body.id!r} is not in the copy: it cannot be spawned")
             continue
         if before[body.id].physics != body.physics:
-            copied.set_physics(body.id, body.physics)
+            copied.apply(SetPhysics(body.id, body.physics))
         pose = copied.poses()[1][rows[body.id]]
         if np.abs(pose - normalized_pose_array(body.pose)).max() > tolerance:
             try:
-                copied.set_pose(body.id, body.pose)
+                copied.apply(SetPoses({body.id: body.pose}))
             except WorldError as error:
                 notes += _move_near(copied, present, body, spawn_record, error)
     return notes
@@ -367,6 +335,6 @@ def _move_near(
             poses[body.id] = normalized_pose_array(handle.pose_for(axis.name, allowed, poses))
         if beyond <= _MAX_BEYOND_LIMIT:
             with suppress(WorldError):
-                copied.set_pose(body.id, pose_from_array(poses[body.id]))
+                copied.apply(SetPoses({body.id: pose_from_array(poses[body.id])}))
                 return ()
     return (f"{body.id!r} has another pose in the copy: {refusal}",)

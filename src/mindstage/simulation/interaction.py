@@ -17,7 +17,7 @@ from mindstage.engines.base import Engine, PoseArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES, joint_coordinates, movable_axes, pose_from_joint_coordinates
 from mindstage.ranges import Finite, checked
 from mindstage.scene import Body, BodyId, Joint, Pose, Vector, World
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.kinematics import axis_ranges, handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -27,9 +27,8 @@ from mindstage.scene.transforms import (
     pose_multiply,
     quat_rotate,
 )
-from mindstage.simulation.undo import SpawnRecord
 
-__all__ = ["JointAxisState", "JointHandle", "Perturbations", "PullTarget", "SpringPerturbation"]
+__all__ = ["JointAxisState", "JointHandle", "Perturbations", "PullTarget", "SpawnRecord", "SpringPerturbation"]
 
 
 _SUBSTEP_S = 0.004
@@ -165,6 +164,32 @@ class PullTarget(msgspec.Struct, frozen=True):
     """In the body frame [m]."""
     target: Vector
     """In the world frame [m]."""
+
+
+class SpawnRecord(msgspec.Struct, frozen=True):
+    """The spawned poses of bodies and joints, to which joint positions are relative."""
+
+    poses: Mapping[BodyId, Pose]
+    """By body."""
+    joints: Mapping[BodyId, Joint]
+    """By id."""
+    outward_joints: Mapping[BodyId, Joint] = {}
+    """The joints that engines limit to the outward direction, with these limits, by id."""
+
+    @classmethod
+    def from_worlds(cls, worlds: Iterable[World]) -> SpawnRecord:
+        """The record of several worlds."""
+        poses: dict[BodyId, Pose] = {}
+        joints: dict[BodyId, Joint] = {}
+        bodies: dict[BodyId, Body] = {}
+        parents: dict[BodyId, BodyId] = {}
+        for world in worlds:
+            bodies |= {body.id: body for body in world.bodies}
+            poses |= {body.id: body.pose for body in world.bodies}
+            joints |= {joint.id: joint for joint in world.joints}
+            parents |= {attachment.child: attachment.parent for attachment in world.attachments}
+        limited = outward_joints(tuple(joints.values()), bodies, handles_by_body(bodies, parents))
+        return cls(poses, joints, {id: each.joint for id, each in limited.items()})
 
 
 class JointHandle:

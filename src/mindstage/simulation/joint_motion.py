@@ -20,13 +20,13 @@ from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, InvalidArgumentError, NameNotFoundError
 from mindstage.ranges import Finite, Fraction, NotNegative, checked
 from mindstage.scene import BodyId, Pose, World
+from mindstage.scene.edits import SetPoses
 from mindstage.scene.placement import PlacementSampler
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.simulation.body_groups import find_dependents
-from mindstage.simulation.interaction import JointAxisState, JointHandle
+from mindstage.simulation.interaction import JointAxisState, JointHandle, SpawnRecord
 from mindstage.simulation.placement import enclosing_body_ids
 from mindstage.simulation.state import EngineSession, poses_in
-from mindstage.simulation.undo import SpawnRecord
 
 __all__ = ["JointClearance", "JointMotion", "SimulationJoint", "find_joint"]
 
@@ -241,9 +241,7 @@ class SimulationJoint:
             duration_s = yield from self._pull(position, timeout_s, limit)
         else:
             pose = self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
-            self._simulation.run_on_engine(
-                lambda engine: engine.set_pose(self.body, pose), label="move joint", edits=True
-            )
+            self._simulation.apply(SetPoses({self.body: pose}))
             duration_s = 0.0
         now = self.position
         return JointMotion(arrived=abs(now - position) <= limit, position=now, target=position, duration_s=duration_s)

@@ -16,10 +16,11 @@ import msgspec
 
 from mindstage.access.limits import OBSERVER_INTERVAL
 from mindstage.access.resources import from_outside
-from mindstage.engines.base import DEFAULT_SPAWN_OPTIONS, Actuator, Engine, SavedState, SpawnOptions, SpawnReport
+from mindstage.engines.base import Applied, Engine, SavedState, SpawnReport
 from mindstage.errors import SimulationFaultError
 from mindstage.knowledge.questions import Answers
-from mindstage.scene import NO_GEOMETRY, BodyId, BodyPhysics, Color, GeometryMap, Material, Pose, World
+from mindstage.scene import BodyId, Color
+from mindstage.scene.edits import Edit
 from mindstage.simulation.controllers import fault_error
 from mindstage.simulation.state import StateSnapshot
 
@@ -42,6 +43,8 @@ SKILL_EDIT = "skill"
 """The kind of the edits that report the begin and the end of a skill; see `Robot.performing`."""
 _COMPOUND = {"reset", "clear", "undo", "redo", "place"}
 """Labels of calls that consist of several edits, and are reported as one."""
+_REPEATABLE = {"undo", "redo"}
+"""Those that are made again by their edits; the others are calls, or leave the world as it was."""
 _UNDONE = {"check rest", "mark start"}
 """Labels of calls that leave the world as it was."""
 _MAX_IDS = 1000
@@ -158,7 +161,7 @@ class SimulationObserver(Protocol):
             kind: what was done, such as "spawn".
             client: who did it.
             ids: the bodies that it is about.
-            details: arguments and results, as JSON values.
+            details: arguments and results, as JSON values; `edit` is an `Edit`, and `edits` are several.
         """
 
 
@@ -258,7 +261,9 @@ class Observers:
         finally:
             if label in _COMPOUND and observed.edits:
                 all_ids = dict.fromkeys(id for _, ids, _ in observed.edits for id in ids)
-                self.report(label, ids=tuple(all_ids)[:_MAX_IDS], client=client)
+                edits = [details["edit"] for _, _, details in observed.edits if "edit" in details]
+                made = {"edits": edits} if edits and label in _REPEATABLE else {}
+                self.report(label, ids=tuple(all_ids)[:_MAX_IDS], details=made, client=client)
             elif label not in _UNDONE:
                 for kind, ids, details in observed.edits:
                     self.report(kind, ids=ids[:_MAX_IDS], details=details, client=client)
@@ -275,22 +280,11 @@ class ObservedEngine:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._engine, name)
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
-        """See `Engine`; the same holds for the methods below."""
-        report = self._engine.spawn(world, geometry=geometry, options=options)
-        failed = {each.id for each in report.failed_bodies}
-        ids = tuple(body.id for body in world.bodies if body.id not in failed)
-        details = {"world": world.name or world.iri, "bodies": report.bodies, "joints": report.joints}
-        self.edits.append(("spawn", ids, details | ({"failed": sorted(failed)} if failed else {})))
-        return report
-
-    def delete(self, ids: Iterable[BodyId]) -> None:
+    def apply(self, edit: Edit) -> Applied:
         """See `Engine`."""
-        deleted = tuple(ids)
-        self._engine.delete(deleted)
-        self.edits.append(("delete", deleted, {}))
+        applied = self._engine.apply(edit)
+        self.edits.append(_report(edit, applied.report))
+        return applied
 
     def clear(self) -> None:
         """See `Engine`."""
@@ -298,50 +292,25 @@ class ObservedEngine:
         self._engine.clear()
         self.edits.append(("clear", ids, {}))
 
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        """See `Engine`."""
-        self._engine.attach(parent, child)
-        self.edits.append(("attach", (child, parent), {"parent": parent, "child": child}))
-
-    def detach(self, child: BodyId) -> None:
-        """See `Engine`."""
-        self._engine.detach(child)
-        self.edits.append(("detach", (child,), {}))
-
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        """See `Engine`."""
-        self._engine.set_pose(id, pose)
-        self.edits.append(("set pose", (id,), {"pose": msgspec.to_builtins(pose)}))
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        """See `Engine`."""
-        self._engine.set_physics(id, physics)
-        self.edits.append(("set physics", (id,), {"physics": msgspec.to_builtins(physics)}))
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        """See `Engine`."""
-        self._engine.set_materials(id, materials)
-        self.edits.append(("set materials", (id,), {"materials": msgspec.to_builtins(materials)}))
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        """See `Engine`."""
-        self._engine.set_label(id, label)
-        self.edits.append(("set label", (id,), {"label": label}))
-
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """See `Engine`."""
         highlighted = tuple(ids)
         self._engine.highlight(highlighted, color)
         self.edits.append(("highlight", highlighted, {"color": color}))
 
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        """See `Engine`."""
-        added = tuple(actuators)
-        self._engine.set_actuators(added, without_weight=without_weight)
-        joints = tuple(dict.fromkeys(each.joint for each in added))
-        self.edits.append(("set actuators", joints, {"actuators": msgspec.to_builtins(added)}))
-
     def restore_state(self, state: SavedState) -> None:
         """See `Engine`."""
         self._engine.restore_state(state)
         self.edits.append(("restore", (), {}))
+
+    def restore_before(self, edit: Edit, state: SavedState) -> None:
+        """Restores the state to which an edit would lead, and reports the edit."""
+        self._engine.restore_state(state)
+        self.edits.append(_report(edit, SpawnReport()))
+
+
+def _report(edit: Edit, report: SpawnReport) -> tuple[str, tuple[BodyId, ...], Mapping[str, Any]]:
+    """What is reported of an edit that was made."""
+    failed = {each.id for each in report.failed_bodies}
+    details = {"edit": edit} | ({"failed": sorted(failed)} if failed else {})
+    return edit.kind, tuple(id for id in edit.ids if id not in failed), details

@@ -26,6 +26,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
+from mindstage.scene.edits import SetPoses, Spawn
 from mindstage.scene.placement import PlacementSampler, PlacementSurface, support_surfaces
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_conjugate, quat_multiply, quat_rotate
 from mindstage.simulation.state import EngineSession
@@ -91,7 +92,13 @@ def make_body(simulation: EngineSession, cls: str, *, id: str | None = None, siz
 
 
 def place_item(
-    simulation: EngineSession, item: Body | str, *, on: str | None, into: str | None, near: Vector | None
+    simulation: EngineSession,
+    item: Body | str,
+    *,
+    on: str | None,
+    into: str | None,
+    near: Vector | None,
+    title: str = "",
 ) -> PlacementResult:
     """Places a body, a body that exists, or a new one of a class; see `Simulation.place`."""
     if (on is None) is (into is None):
@@ -102,7 +109,8 @@ def place_item(
     else:
         body = item if isinstance(item, Body) else make_body(simulation, item)
         geometry = simulation.fit_geometry(body)
-    return place_body(simulation, body, geometry, support_id=on or into or "", inside=into is not None, near=near)
+    support_id, inside = on or into or "", into is not None
+    return place_body(simulation, body, geometry, support_id=support_id, inside=inside, near=near, title=title)
 
 
 def place_body(
@@ -113,6 +121,7 @@ def place_body(
     support_id: str,
     inside: bool | None,
     near: Vector | None = None,
+    title: str = "",
 ) -> PlacementResult:
     """Spawns a body on another one, or in it, at a pose at which it stays; a body that exists is moved there.
 
@@ -126,6 +135,7 @@ def place_body(
         support_id: the id of the holder. With `inside`, surfaces of its parts and drawers are used too.
         inside: whether the body is placed in the holder, or on it; None for whichever is nearer.
         near: a point that it is placed near, in the world frame [m]; by default near the centers of surfaces.
+        title: see `Simulation.place`.
 
     Raises:
         BodyNotFoundError: the holder does not exist.
@@ -150,7 +160,10 @@ def place_body(
         for candidate in spread:
             attempts += 1
             placed = msgspec.structs.replace(body, pose=candidate)
-            rest_pose = _try_move(simulation, placed) if exists else _try_placement(simulation, placed, geometry)
+            if exists:
+                rest_pose = _try_move(simulation, placed, title)
+            else:
+                rest_pose = _try_placement(simulation, placed, geometry, title)
             if rest_pose is not None:
                 return PlacementResult(id=body.id, support_id=surface.body_id, pose=rest_pose, attempts=attempts)
             reasons.append("it does not stay there")
@@ -243,19 +256,19 @@ def _sample_poses(poses: list[Pose], count: int) -> Iterator[Pose]:
 # -- stability ---------------------------------------------------------------------------------------------------------
 
 
-def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry | None) -> Pose | None:
+def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry | None, title: str) -> Pose | None:
     """Simulates a body at its pose; if it is stable, spawns it at the rest pose and returns that, else returns None."""
     world = World(iri=simulation.worlds[0].iri, name=simulation.worlds[0].name, bodies=(body,))
     geometries = {body.id: geometry} if geometry is not None else {}
 
     def simulate(engine: Engine) -> Pose | None:
         before = engine.save_state() if Capability.SAVE in engine.capabilities else None
-        engine.spawn(world, geometry=geometries)
+        spawned = engine.apply(Spawn(world, geometry=geometries))
         rest_pose = _settle(engine, body)
         if before is not None:
             engine.restore_state(before)
         else:
-            engine.delete([body.id])
+            engine.apply(spawned.inverse)
         return rest_pose
 
     timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
@@ -265,11 +278,12 @@ def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry
             msgspec.structs.replace(world, bodies=(msgspec.structs.replace(body, pose=rest_pose),)),
             geometry=geometries,
             persistent=False,
+            title=title,
         )
     return rest_pose
 
 
-def _try_move(simulation: EngineSession, body: Body) -> Pose | None:
+def _try_move(simulation: EngineSession, body: Body, title: str) -> Pose | None:
     """Simulates an existing body at its pose; if it is stable, moves it to the rest pose and returns that, else None.
 
     Raises:
@@ -279,18 +293,19 @@ def _try_move(simulation: EngineSession, body: Body) -> Pose | None:
     def simulate(engine: Engine) -> Pose | None:
         before = engine.save_state() if Capability.SAVE in engine.capabilities else None
         start = _current_pose(engine, body.id)
-        engine.set_pose(body.id, body.pose)
+        engine.apply(SetPoses({body.id: body.pose}))
         rest_pose = _settle(engine, body)
         if before is not None:
             engine.restore_state(before)
-        if rest_pose is not None:
-            engine.set_pose(body.id, rest_pose)
-        elif before is None:
-            engine.set_pose(body.id, pose_from_array(start))
+        elif rest_pose is None:
+            engine.apply(SetPoses({body.id: pose_from_array(start)}))
         return rest_pose
 
     timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
-    return simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
+    rest_pose = simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
+    if rest_pose is not None:
+        (simulation.undo_stack.apply if title else simulation.apply)(SetPoses({body.id: rest_pose}, title=title))
+    return rest_pose
 
 
 def _settle(engine: Engine, body: Body) -> Pose | None:

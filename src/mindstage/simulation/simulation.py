@@ -11,7 +11,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -22,6 +22,7 @@ from msgspec.structs import replace
 from mindstage.access.limits import Duration, Lifetime, Speed, Timeout
 from mindstage.engines import is_remote
 from mindstage.engines.base import (
+    Applied,
     Capability,
     Engine,
     InterruptibleEngine,
@@ -31,6 +32,7 @@ from mindstage.engines.base import (
     SpawnNote,
     SpawnReport,
 )
+from mindstage.engines.edits import RestoreBodies
 from mindstage.engines.place import REST_CHECK_S, find_bodies_that_move
 from mindstage.errors import (
     BodyNotFoundError,
@@ -52,6 +54,7 @@ from mindstage.rdf import SparqlResult
 from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
+from mindstage.scene.edits import Edit, SetPoses, Spawn
 from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, SimulatedRobot, fault_error
 from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, LateEndCallbacks, RealTimeClock
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
@@ -69,12 +72,13 @@ from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.observation import (
     DEFAULT_CLIENT,
     ClientDirectory,
+    ObservedEngine,
     Observers,
     SimulationObserver,
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.state import SimulationBody, StateSnapshot, find_body
+from mindstage.simulation.state import SessionEdit, SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import StartState, UndoStack
 
 if TYPE_CHECKING:
@@ -112,6 +116,15 @@ _MIN_PART_S = 0.002
 """Shortest step of such engines [s]."""
 _PAUSE_WAIT_S = 0.15
 """How long `pause` waits for the tick that is running [s]."""
+
+
+def _primitives(edit: Edit) -> Iterator[Edit]:
+    """The edits that engines make for an edit."""
+    if parts := edit.parts():
+        for each in parts:
+            yield from _primitives(each)
+    else:
+        yield edit
 
 
 class Simulation:
@@ -159,6 +172,7 @@ class Simulation:
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
         self._robots: Mapping[str, SimulatedRobot] = {}
+        self._former_robots: dict[str, SimulatedRobot] = {}  # those that were removed
         self._highlights = Highlights()
         self._markers = MarkerStore()
         self._caught: type[BaseException] = BaseException if threaded else Exception  # Ctrl-C is not a fault
@@ -171,8 +185,7 @@ class Simulation:
         self._fault: SimulationFaultError | None = None
         """What the next call from Python raises."""
         self._closed = False
-        self._ticking = threading.RLock()
-        """Held by the engine thread during a tick."""
+        self._ticking = threading.RLock()  # held by the engine thread during a tick
         self._at_close = ExitStack()
         self._state = self._read_state()
         self._shown_state = (self._state, self._state)
@@ -246,7 +259,7 @@ class Simulation:
         persistent: bool = True,
         ground: bool = True,
         check_rest: bool = False,
-        excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
+        title: str = "",
         timeout_s: Timeout | None = None,
     ) -> SpawnReport:
         """Spawns a world, or a map of the knowledge base.
@@ -261,7 +274,8 @@ class Simulation:
             ground: whether a ground plane is added where nothing is below loose bodies.
             check_rest: whether the report names the bodies that move away in the first two simulated seconds, which
                 are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
-            excluded_pairs: pairs of its bodies that do not collide with each other.
+            title: the name of the edit in the undo history; without one it cannot be undone. With one, nothing is
+                spawned if a part of it cannot be.
             timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
                 joint.
 
@@ -271,39 +285,98 @@ class Simulation:
         Raises:
             MapNotFoundError: no map has that name.
             AmbiguousMapError: several maps are loaded, and no name is given.
+            SpawnRefusedError: a part of it cannot be spawned, and there is a title.
         """
         with self._edit_hold.preparing():
             description = world if isinstance(world, World) else self.knowledge.world(world)
-            provider = self._geometry_provider
-            fitted = provider.fit(description, geometry=geometry)
-            immovable = provider.find_immovable(description)
-
-        def spawn(engine: Engine) -> SpawnReport:
-            options = provider.options(immovable=immovable.ids, excluded_pairs=excluded_pairs, ground=ground)
-            spawned = engine.spawn(description, geometry=fitted.geometry, options=options)
-            report = with_immovable_notes(spawned, immovable)
-            report = with_geometry_notes(report, fitted, (body.id for body in description.bodies))
-            failed, pairs = spawned.failed_bodies, excluded_pairs
-            provider.add(fitted.geometry, failed=failed, immovable=immovable.ids, excluded_pairs=pairs)
-            self._grounded |= ground
-            self._reports = (*self._reports, report)
-            if persistent:
-                self._worlds = (*self._worlds, description)
-                self._initial_state_is_due = True
-                if self._start is None:
-                    self._save_initial_state()
-                    self._start = self._start_state()
-            else:
-                self._temporary_worlds = (*self._temporary_worlds, description)
-            return report
-
-        default_timeout_s = self.timeout_s + 0.02 * (len(description.bodies) + len(description.joints))
-        timeout_s = default_timeout_s if timeout_s is None else timeout_s
-        report = self._run(spawn, label="spawn", timeout_s=timeout_s, edits=True, saves_first=not persistent)
+            fitted = self._geometry_provider.fit(description, geometry=geometry)
+            immovable = self._geometry_provider.find_immovable(description)
+        edit = Spawn(
+            description,
+            geometry=fitted.geometry,
+            immovable=immovable.ids,
+            ground=ground,
+            whole=bool(title),
+            persistent=persistent,
+            title=title,
+        )
+        applied = (self.undo_stack.apply if title else self.apply)(edit, timeout_s=timeout_s)
+        report = with_immovable_notes(applied.report, immovable)
+        report = with_geometry_notes(report, fitted, (body.id for body in description.bodies))
+        self._reports = tuple(report if each is applied.report else each for each in self._reports)
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
         return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
+
+    @checked
+    def apply(
+        self,
+        edit: Edit,
+        *,
+        engine: Engine | None = None,
+        leads_to: SavedState | None = None,
+        timeout_s: Timeout | None = None,
+    ) -> Applied:
+        """Makes an edit, which is no step of the undo history; see `UndoStack.apply`.
+
+        Args:
+            edit: the edit.
+            engine: what a function has got that runs in the engine thread; None in any other thread.
+            leads_to: the state to which the edit leads, if the engine has saved that: it is restored instead.
+            timeout_s: by default that of the simulation, plus 20 ms for each body and joint that is spawned [s].
+
+        Raises:
+            WorldError: the world does not allow it, as stated at the class of the edit; nothing changes then.
+        """
+        if engine is None:
+            for each in _primitives(edit):
+                if isinstance(each, Spawn | RestoreBodies):
+                    self._geometry_provider.require_granted(each.world)
+            spawned = [each.world for each in _primitives(edit) if isinstance(each, Spawn)]
+            count = sum(len(world.bodies) + len(world.joints) for world in spawned)
+            saves_first = not any(isinstance(each, Spawn) and each.persistent for each in _primitives(edit))
+            return self._run(
+                lambda engine: self.apply(edit, engine=engine),
+                label=edit.kind,
+                timeout_s=self.timeout_s + 0.02 * count if timeout_s is None else timeout_s,
+                edits=not isinstance(edit, SetPoses),
+                saves_first=saves_first,
+            )
+        if isinstance(edit, RestoreBodies) and not edit.geometry:
+            edit = replace(edit, geometry=self._geometry_provider.for_world(edit.world))
+        if leads_to is None:
+            applied = engine.apply(edit)
+        else:
+            applied = Applied(edit=edit, inverse=edit)
+            if isinstance(engine, ObservedEngine):
+                engine.restore_before(edit, leads_to)
+            else:
+                engine.restore_state(leads_to)
+            self._highlights.reapply(engine)
+        for each in _primitives(edit):
+            self._keep(each, applied.report)
+        if isinstance(edit, SessionEdit):
+            edit.complete(self, engine)
+        return applied
+
+    def _keep(self, edit: Edit, report: SpawnReport) -> None:
+        """Keeps what `reset` and questions need of an edit that was made."""
+        if isinstance(edit, RestoreBodies):
+            self._geometry_provider.restore(edit.geometry)
+        if not isinstance(edit, Spawn) or any(edit.world is each for each in self.worlds):
+            return
+        self._geometry_provider.add(edit, report.failed_bodies)
+        self._grounded |= edit.ground
+        self._reports = (*self._reports, report)
+        if not edit.persistent:
+            self._temporary_worlds = (*self._temporary_worlds, edit.world)
+            return
+        self._worlds = (*self._worlds, edit.world)
+        self._initial_state_is_due = True
+        if self._start is None:
+            self._save_initial_state()
+            self._start = self._start_state()
 
     def check_rest(self) -> tuple[MovedBody, ...]:
         """The bodies that move away in the next two simulated seconds, farthest first; the world is then as before.
@@ -368,8 +441,7 @@ class Simulation:
     def _respawn(self, engine: Engine, worlds: Iterable[World]) -> None:
         """Spawns worlds that were spawned before."""
         for world in worlds:
-            options = self._geometry_provider.options(ground=self._grounded)
-            engine.spawn(world, geometry=self._geometry_provider.for_world(world), options=options)
+            engine.apply(self._geometry_provider.respawn(world, ground=self._grounded))
 
     @property
     def start_ids(self) -> frozenset[BodyId]:
@@ -646,10 +718,8 @@ class Simulation:
         provider = self._geometry_provider
 
         def fork(engine: Engine) -> tuple[Engine, ForkOrigin, ControllerSchedule]:
-            options = provider.options(ground=self._grounded)
-            copied, notes = copied_engine(
-                engine, worlds=self.worlds, geometry=self.geometry, options=options, physics=physics
-            )
+            spawn = partial(provider.respawn, ground=self._grounded)
+            copied, notes = copied_engine(engine, worlds=self.worlds, spawn=spawn, physics=physics)
             ids, poses = engine.poses()
             return copied, ForkOrigin(self, self._revision, ids, poses, notes), self._controllers.copy()
 
@@ -786,7 +856,13 @@ class Simulation:
 
     @checked
     def place(
-        self, item: Body | str, *, on: str | None = None, into: str | None = None, near: Point | None = None
+        self,
+        item: Body | str,
+        *,
+        on: str | None = None,
+        into: str | None = None,
+        near: Point | None = None,
+        title: str = "",
     ) -> PlacementResult:
         """Spawns a body on or in another one, at a free pose at which it stays; an existing body is moved there.
 
@@ -795,6 +871,7 @@ class Simulation:
             on: the id of the body to place it on.
             into: the id of the body to place it in, including its parts and drawers.
             near: a point that it is placed near, in the world frame [m].
+            title: the name of the edit in the undo history; without one it cannot be undone.
 
         Raises:
             BodyNotFoundError: the holder does not exist.
@@ -802,7 +879,7 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
-        placed = place_item(self, item, on=on, into=into, near=near)
+        placed = place_item(self, item, on=on, into=into, near=near, title=title)
         return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def fit_geometry(self, body: Body) -> BodyGeometry | None:
@@ -889,33 +966,31 @@ class Simulation:
     # -- robots and controllers ----------------------------------------------------------------------------
 
     def keep_robot(self, robot: SimulatedRobot) -> None:
-        """Adds a robot whose bodies are spawned; it is copied and reset together with the simulation.
+        """Keeps a robot that an edit has added; called in the engine thread. See `mindstage.robots.add_robot`.
 
-        See `mindstage.robots.add_robot`.
+        It is copied and reset together with the simulation.
         """
+        self._former_robots.pop(robot.name, None)
+        self._controllers.add(robot.controller_name, robot.controller)
+        self._robots = {**self._robots, robot.name: robot}
+        self._initial_state_is_due = True  # with the actuators
 
-        def connect(engine: Engine) -> None:
-            robot.controller.connect(engine, is_new=True)
-            self._controllers.add(robot.controller_name, robot.controller)
-            self._robots = {**self._robots, robot.name: robot}
-            self._initial_state_is_due = True  # with the actuators
+    def drop_robot(self, name: str) -> None:
+        """Ends a robot that an edit has removed; called in the engine thread. See `mindstage.robots.Robot.remove`."""
+        robot = self._robots[name]
+        self._controllers.remove(robot.controller_name, robot.controller)
+        self._robots = {key: each for key, each in self._robots.items() if each is not robot}
+        self._former_robots[name] = robot
 
-        self.run_on_engine(connect, label="add robot", timeout_s=self.timeout_s * 3)
+    @property
+    def former_robots(self) -> Mapping[str, SimulatedRobot]:
+        """The robots that were removed, by name; undoing that adds them again."""
+        return self._former_robots
 
     @property
     def robots(self) -> Mapping[str, SimulatedRobot]:
         """The robots by name, except those whose bodies were deleted; see `mindstage.robots.robots_of`."""
         return {name: robot for name, robot in self._robots.items() if robot.exists}
-
-    def drop_robot(self, robot: SimulatedRobot) -> None:
-        """Deletes a robot with its bodies; see `mindstage.robots.Robot.remove`."""
-
-        def remove(engine: Engine) -> None:
-            engine.delete(robot.body_ids & set(engine.poses()[0]))
-            self._controllers.remove(robot.controller_name, robot.controller)
-            self._robots = {key: each for key, each in self._robots.items() if each is not robot}
-
-        self.run_on_engine(remove, label="remove robot", edits=True)
 
     def add_controller(self, name: str, controller: Controller) -> Callable[[], None]:
         """Adds a controller of actuators, which is copied and reset together with the simulation.

@@ -6,18 +6,19 @@ A `StateSnapshot` is immutable and replaced after each tick and call, so it can 
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Mapping
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import msgspec
 
-from mindstage.engines.base import Capability, Engine, EngineStats, PoseArray, SpawnReport
+from mindstage.engines.base import Applied, Capability, Engine, EngineStats, PoseArray, SavedState, SpawnReport
 from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
+from mindstage.scene.edits import Edit
 from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation.highlights import HighlightGroup, Marker
 
-__all__ = ["EngineSession", "SimulationBody", "StateSnapshot", "WorldSession", "find_body", "poses_in"]
+__all__ = ["EngineSession", "SessionEdit", "SimulationBody", "StateSnapshot", "WorldSession", "find_body", "poses_in"]
 
 T = TypeVar("T")
 
@@ -53,6 +54,14 @@ class StateSnapshot(msgspec.Struct, frozen=True, eq=False):
     """How long the engine is expected to rebuild its model before the next step, after edits [s]; 0 if it does not."""
 
 
+class SessionEdit(Edit, frozen=True, kw_only=True):
+    """The base class of edits of which an engine makes only the parts; the rest is about the simulation."""
+
+    def complete(self, session: Any, engine: Engine) -> None:
+        """Makes the rest in a `Simulation`, after the parts were made; called in the engine thread."""
+        raise NotImplementedError
+
+
 class WorldSession(Protocol):
     """The part of `Simulation` through which a world is read and changed, but not stepped."""
 
@@ -78,6 +87,16 @@ class WorldSession(Protocol):
 
     def release(self, id: BodyId | None = None) -> None:
         """Ends the pull on one body, or all pulls."""
+
+    def apply(
+        self,
+        edit: Edit,
+        *,
+        engine: Engine | None = None,
+        leads_to: SavedState | None = None,
+        timeout_s: float | None = None,
+    ) -> Applied:
+        """Makes an edit."""
 
     def run_on_engine(
         self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
@@ -124,6 +143,7 @@ class EngineSession(WorldSession, Protocol):
     """The part of `Simulation` that placement, undo and joint motion use."""
 
     timeout_s: float
+    undo_stack: Any
 
     @property
     def reports(self) -> tuple[SpawnReport, ...]:
@@ -146,7 +166,7 @@ class EngineSession(WorldSession, Protocol):
         *,
         geometry: GeometryMap | None = None,
         persistent: bool = True,
-        excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset(),
+        title: str = "",
         timeout_s: float | None = None,
     ) -> SpawnReport:
         """Spawns a world."""

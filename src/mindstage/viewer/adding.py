@@ -11,7 +11,7 @@ import numpy as np
 
 from mindstage.access.limits import SURFACES
 from mindstage.access.policies import EDIT, READ
-from mindstage.errors import InvalidArgumentError, NoFreePlacementError
+from mindstage.errors import InvalidArgumentError, NoFreePlacementError, SpawnRefusedError
 from mindstage.knowledge.names import EntityType
 from mindstage.rendering.appearance import compute_appearance
 from mindstage.scene import Body, BodyGeometry, BodyId, Iri, Pose, Vector, VisualMesh, World
@@ -137,9 +137,7 @@ class AddHandler:
     def _add(self, session: ClientSession, request: AddRequest) -> BodyId:
         body = make_body(self._simulation, self._class(request.cls), size=request.size)
         if request.on is not None or request.into is not None:
-            placed = self._simulation.place(body, on=request.on, into=request.into)
-            self._simulation.undo_stack.record_spawn([placed.id])
-            return placed.id
+            return self._simulation.place(body, on=request.on, into=request.into, title=f"{body.id} added").id
         if request.at is None and (placed_id := self._add_in_view(session, body)) is not None:
             return placed_id
         x, y, z = request.at or self._view_center(session)
@@ -168,10 +166,11 @@ class AddHandler:
     def _spawn(self, body: Body) -> None:
         first = next(iter(self._simulation.worlds), None)
         iri, name = (first.iri, first.name) if first else (Iri("http://mindstage.org/maps/new.owl#map"), "new")
-        report = self._simulation.spawn(World(iri=iri, name=name, bodies=(body,)), persistent=False)
-        for failure in report.failed_bodies:
-            raise InvalidArgumentError(failure.id, cause=failure.reason)
-        self._simulation.undo_stack.record_spawn([body.id])
+        world = World(iri=iri, name=name, bodies=(body,))
+        try:
+            self._simulation.spawn(world, persistent=False, title=f"{body.id} added")
+        except SpawnRefusedError as error:
+            raise InvalidArgumentError(error.id, cause=error.reason) from error
 
     # -- dragging into the view ----------------------------------------------------------------------------------------
 
@@ -211,9 +210,10 @@ class AddHandler:
     def _put(self, body: Body, place: _Place) -> BodyId:
         geometry, on = self._simulation.fit_geometry(body), place.offer.on
         assert on is not None
-        placed = place_body(self._simulation, body, geometry, support_id=on, inside=None, near=place.point)
-        self._simulation.undo_stack.record_spawn([placed.id])
-        return placed.id
+        title = f"{body.id} added"
+        return place_body(
+            self._simulation, body, geometry, support_id=on, inside=None, near=place.point, title=title
+        ).id
 
     def _show(self, session: ClientSession, ghost: Ghost | None) -> None:
         for view in self._session_views.of(session):

@@ -19,12 +19,12 @@ from mindstage.ranges import Index, RotationQuaternion
 from mindstage.rendering.camera import corners
 from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Vector
 from mindstage.scene.colors import parse_color
+from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import pose_array, pose_from_array
 from mindstage.simulation import JointHandle, Simulation, StateSnapshot
 from mindstage.simulation.body_groups import BodyGroup, Dependents, find_dependents, paste_group
 from mindstage.simulation.joint_motion import JointClearance
 from mindstage.simulation.state import poses_in
-from mindstage.simulation.undo import MoveBody
 from mindstage.viewer.client_views import moved_with
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
 from mindstage.viewer.view_tools import PickResult
@@ -276,9 +276,7 @@ class EditHandler:
         return self._spawn_group(BodyGroup.from_text(request.text), verb="pasted")
 
     def _spawn_group(self, group: BodyGroup, *, verb: str) -> tuple[BodyId, ...]:
-        pasted = paste_group(self._simulation, group)
-        self._simulation.undo_stack.record_spawn(pasted, verb=verb)
-        return pasted
+        return paste_group(self._simulation, group, verb=verb)
 
     def _go_to(self, _: ClientSession, request: GoToRequest) -> None:
         self._simulation.undo_stack.go_to(request.position, version=request.version)
@@ -337,9 +335,7 @@ class EditHandler:
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.undo_stack.record(
-                MoveBody(joint.moving_body, start_pose, f"pose of {joint.moving_body}", {})
-            )
+            self._simulation.undo_stack.record(SetPoses({joint.moving_body: start_pose}, {}))
         return MoveJointReply(request.value)
 
     def _release(self, session: ClientSession) -> None:

@@ -96,7 +96,7 @@ class FileHandler:
 
     def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
         world = self._simulation.snapshot()
-        _, format = file_format("", request.format, dialect=request.dialect)
+        format = file_format("", request.format, dialect=request.dialect)[1]
         name = f"{_safe_filename(world.name) or 'map'}{format.suffixes[0]}"
         if format.syntax is None:
             with TemporaryDirectory(prefix="mindstage-") as folder:

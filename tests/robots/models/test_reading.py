@@ -449,6 +449,7 @@ def test_the_parts_of_the_bundled_robot() -> None:
     (gripper,) = model.grippers
     assert gripper.type is GripperType.PARALLEL
     assert gripper.max_opening_m == pytest.approx(0.12)
+    assert gripper.max_force_n == model.joint("left_finger_joint").effort / 2, "two fingers share it"
     assert gripper.grasp_pose.position == pytest.approx((0.115, 0.0, 0.0), abs=1e-6)
     assert gripper.finger_links == ("left_finger_link", "right_finger_link")
     assert model.head is not None
@@ -639,6 +640,8 @@ def test_a_model_that_is_not_installed_names_its_package(monkeypatch: pytest.Mon
 def test_an_unknown_name_lists_what_is_near() -> None:
     with pytest.raises(RobotNotFoundError, match="near: panda"):
         find_model("pandas")
+    with pytest.raises(RobotModelError, match="give the path of a URDF, xacro or MJCF file"):
+        load_model(Path("/nowhere/robot.urdf"))
     with pytest.raises(RobotNotFoundError, match="the file does not exist"):
         find_model("/nowhere/robot.urdf")
 

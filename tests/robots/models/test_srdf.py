@@ -76,6 +76,26 @@ CHAIN = "".join(
 )
 
 
+def test_an_end_effector_is_a_gripper_whatever_its_fingers_are_called(tmp_path: Path) -> None:
+    box = '<collision><origin xyz="0.05 0 0"/><geometry><box size="0.1 0.01 0.02"/></geometry></collision>'
+    sides = "".join(
+        f'<link name="{name}">{box}</link><joint name="{name}_j" type="prismatic"><parent link="l6"/>'
+        f'<child link="{name}"/><origin xyz="0.05 {side * 0.006} 0"/><axis xyz="0 {side} 0"/>'
+        f'<limit lower="0" upper="0.04" effort="20" velocity="1"/></joint>'
+        for name, side in (("one", 1), ("two", -1))
+    )
+    (tmp_path / "robot.urdf").write_text(f'<robot name="r">{CHAIN}{sides}</robot>', encoding="utf-8")
+    effector = '<end_effector name="e" parent_link="l6" group="tongs" parent_group="arm"/>'
+    groups = '<group name="arm"><chain base_link="l0" tip_link="l6"/></group>'
+    tongs = '<group name="tongs"><joint name="one_j"/><joint name="two_j"/></group>'
+    written(tmp_path, f'<robot name="r">{groups}{tongs}{effector}</robot>')
+    (gripper,) = load_model(tmp_path / "robot.urdf").grippers
+    assert (gripper.name, gripper.link, gripper.finger_links) == ("tongs", "l6", ("one", "two"))
+    assert gripper.max_opening_m == pytest.approx(0.08, abs=0.01)
+    assert gripper.max_force_n == 20.0
+    assert gripper.grasp_pose.position[1] == pytest.approx(0.0, abs=1e-6)
+
+
 def test_groups_that_contain_each_other_end(tmp_path: Path) -> None:
     (tmp_path / "robot.urdf").write_text(f'<robot name="r">{CHAIN}</robot>', encoding="utf-8")
     written(

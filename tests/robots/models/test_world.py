@@ -9,6 +9,7 @@ import pytest
 
 from mindstage import KnowledgeBase
 from mindstage.engines.base import Actuator
+from mindstage.engines.edits import SetActuators
 from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.robots import add_robot
 from mindstage.robots.control import MotionOutcome
@@ -20,6 +21,7 @@ from mindstage.robots.models.reading import load_model
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry
+from mindstage.scene.edits import Spawn
 from mindstage.scene.kinematics import moving_body
 from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_multiply, quat_angle, quat_rotate
 from mindstage.simulation.simulation import Simulation
@@ -31,7 +33,7 @@ HERE = Pose((1.0, -2.0, 0.5), (0.9659258262890683, 0.0, 0.0, 0.25881904510252074
 
 def spawned(placed: RobotWorld) -> MujocoEngine:
     engine = MujocoEngine()
-    report = engine.spawn(placed.world, geometry=placed.geometry)
+    report = engine.apply(Spawn(placed.world, geometry=placed.geometry)).report
     assert report.ok, report
     return engine
 
@@ -217,14 +219,11 @@ def test_a_fixed_robot_is_static_and_a_driving_one_is_on_a_planar_joint() -> Non
 def test_a_base_is_moved_on_the_floor_only() -> None:
     placed = robot_world(known_model("mobile_manipulator"), HERE, name="robot")
     engine = spawned(placed)
-    engine.set_actuators(
-        [
+    engine.apply(SetActuators(tuple([
             Actuator(name=axis, joint=placed.base_joint_id or "", axis=axis, effort_limit=2000.0, stiffness=8000.0,
                      damping=2000.0)
             for axis in ("x", "y", "swing1")
-        ],
-        without_weight=placed.link_ids.values(),
-    )  # fmt: skip
+        ]), tuple(placed.link_ids.values())))  # fmt: skip
     engine.set_commands({"x": 0.6, "y": -0.2, "swing1": 0.5})
     engine.step(4.0)
     ids, poses = engine.poses()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 
 from mindstage.access.limits import Duration
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
-    Actuator,
     ActuatorState,
+    Applied,
     Capability,
     Contact,
     DynamicsScale,
@@ -30,13 +29,12 @@ from mindstage.engines.base import (
     EngineStats,
     PoseArray,
     RebuildTime,
-    SavedBodies,
     SavedState,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
-    SpawnReport,
 )
+from mindstage.engines.editing import EditingEngine, Performed
+from mindstage.engines.edits import RestoreBodies, SetActuators, SimulatedBodies
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
 from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
@@ -57,18 +55,9 @@ from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_lim
 from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
 from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
-from mindstage.scene import (
-    NO_GEOMETRY,
-    BodyId,
-    BodyPhysics,
-    Color,
-    GeometryMap,
-    Material,
-    Mobility,
-    Pose,
-    World,
-)
+from mindstage.scene import BodyGeometry, BodyId, Color, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetPhysics, Spawn
 from mindstage.scene.kinematics import coupled_positions, first_movable_axis
 from mindstage.scene.transforms import (
     Array,
@@ -88,6 +77,8 @@ class ModelCache:
     def __init__(self, timestep_s: float, *, time_s: float = 0.0, arena_cap_bytes: int = ARENA_CAP_BYTES) -> None:
         self.builder = PhysicsModelBuilder()
         self.stale = True
+        self.key = object()
+        """Identifies the state, apart from highlights."""
         self._timestep_s = timestep_s
         self._time_s = time_s
         self.arena_cap_bytes = arena_cap_bytes
@@ -115,7 +106,7 @@ class ModelCache:
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
         result = ModelCache(self._timestep_s, time_s=self._time_s, arena_cap_bytes=self.arena_cap_bytes)
-        result.builder, result.stale = self.builder.copy(), self.stale
+        result.builder, result.stale, result.key = self.builder.copy(), self.stale, self.key
         if self._compiled is not None:
             result._compiled = self._compiled.copy()
         result._pending_poses, result._at_rest = dict(self._pending_poses), set(self._at_rest)
@@ -220,27 +211,36 @@ class ModelCache:
 
     # -- edits -------------------------------------------------------------------------------------------------
 
-    def add(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
-        """See `Engine.spawn`."""
-        movable = sum(
-            each.physics.mobility not in FIXED_MOBILITIES for each in (*self.registry.bodies.values(), *world.bodies)
-        )
+    def apply(self, edit: Edit) -> Performed:
+        """Makes an edit; see `PhysicsModelBuilder.apply`."""
+        if isinstance(edit, Spawn):
+            return self._spawn(edit)
+        if isinstance(edit, Delete):
+            self._remove(edit.bodies)
+            return Performed()
+        before, was_attached = self.poses(), isinstance(edit, Detach) and edit.child in self.registry.parents
+        performed = self.builder.apply(edit, before)
+        if isinstance(edit, SetPhysics):
+            self._changed_boxes.append(self.bounds([edit.id]))
+        self.stale |= was_attached or isinstance(edit, Attach | SetPhysics | SetActuators)
+        return performed
+
+    def _spawn(self, edit: Spawn) -> Performed:
+        bodies = (*self.registry.bodies.values(), *edit.world.bodies)
+        movable = sum(each.physics.mobility not in FIXED_MOBILITIES for each in bodies)
         check_arena(movable, cap_bytes=self.arena_cap_bytes)
         before = self.poses()
-        report, moved = self.builder.add(world, before, geometry=geometry, options=options)
+        performed = self.builder.apply(edit, before)
         new_ids = self.registry.ids[len(before) :]
         poses = pose_array(self.registry.bodies[id].pose for id in new_ids)
         poses[:, 3:] = normalize(poses[:, 3:])
         self._pending_poses.update(zip(new_ids, poses, strict=True))
-        self._pending_poses.update(moved)
-        self._at_rest.update(moved)
-        self.stale, self._stale_poses = True, None if moved else np.concatenate([before, poses])
-        return report
+        self._pending_poses.update(performed.moved)
+        self._at_rest.update(performed.moved)
+        self.stale, self._stale_poses = True, None if performed.moved else np.concatenate([before, poses])
+        return performed
 
-    def remove(self, ids: tuple[BodyId, ...]) -> None:
-        """See `Engine.delete`."""
+    def _remove(self, ids: tuple[BodyId, ...]) -> None:
         removed = {self.registry.body(id).id for id in ids}
         if not removed:
             return
@@ -253,35 +253,18 @@ class ModelCache:
         if self._compiled is not None:  # a body spawned later with the same id is another body
             self._compiled = self._compiled.without(removed, remaining_joints=self.registry.joints)
 
-    def restore(
-        self, before: PhysicsModelBuilder, poses: Mapping[BodyId, Array], displaced: Mapping[BodyId, Array]
-    ) -> None:
-        """See `BodySavingEngine.restore_bodies`."""
-        self.registry.require_free(poses)
+    def restore(self, edit: RestoreBodies, displaced: Mapping[BodyId, Array]) -> None:
+        """Adds deleted bodies again, after others were moved."""
+        self.registry.require_free(edit.ids)
         for id, target in displaced.items():
             if self.builder.is_loose(id):
                 self._place(self.builder.connected_bodies(id), id, target)
             else:
                 self.move(id, target)
-        self.builder.restore(before, tuple(poses), self.poses())
-        self._pending_poses.update(poses)
+        self.builder.restore(edit, self.poses())
+        self._pending_poses |= {id: np.array(row) for id, row in edit.poses.items()}
         self.stale, self._stale_poses = True, None
-        self._changed_boxes.append(self.bounds(poses))
-
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        """See `Engine.attach`."""
-        self.builder.attach(parent, child, self.poses())
-        self.stale = True
-
-    def detach(self, child: BodyId) -> None:
-        """See `Engine.detach`."""
-        self.stale |= self.builder.detach(child)
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        """See `Engine.set_physics`."""
-        self.builder.set_physics(id, physics)
-        self._changed_boxes.append(self.bounds([id]))
-        self.stale = True
+        self._changed_boxes.append(self.bounds(edit.poses))
 
     def move(self, id: BodyId, target: Array) -> None:
         """Moves a body and all bodies that move with it; not for bodies on joints."""
@@ -356,6 +339,7 @@ class ModelCache:
         """See `Engine.scale_dynamics`."""
         for id in scales:
             self.registry.body(id)
+        self.key = object()
         before, self._scales = self._scales, {**self._scales, **scales}
         boxes = self._boxes(scales)
         if self.stale or self._compiled is None:
@@ -367,14 +351,10 @@ class ModelCache:
             scale_model(compiled, self.forest.root_of, changes)
             wake_islands(compiled, boxes)
 
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId]) -> None:
-        """See `Engine.set_actuators`."""
-        self.builder.set_actuators(actuators, without_weight=without_weight)
-        self.stale = True
-
     def set_commands(self, commands: Mapping[str, float]) -> None:
         """See `Engine.set_commands`."""
         self.builder.actuators.set_commands(commands)
+        self.key = object()
         if not self.stale and self._compiled is not None:
             set_commands(self._compiled, self.builder.actuators.commands)
 
@@ -479,7 +459,7 @@ class _KnownJoints(NamedTuple):
     positions: Mapping[BodyId, tuple[float, ...]]
 
 
-class MujocoEngine:
+class MujocoEngine(EditingEngine):
     """An engine that simulates with MuJoCo."""
 
     name = "mujoco"
@@ -492,7 +472,6 @@ class MujocoEngine:
             Capability.JOINTS,
             Capability.STATISTICS,
             Capability.ACTUATORS,
-            Capability.SAVE_BODIES,
         }
     )
 
@@ -538,34 +517,37 @@ class MujocoEngine:
         """See `RebuildingEngine`."""
         self._require_open().model(with_poses=False)
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
-        return self._require_open().add(world, geometry=geometry, options=options)
+    def apply(self, edit: Edit) -> Applied:
+        applied = super().apply(edit)
+        self._cache.key = object()
+        return applied
 
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        self._require_open().remove(tuple(ids))
+    def _entities(self) -> EntityRegistry:
+        return self._require_open().registry
+
+    def _perform(self, edit: Edit) -> Performed:
+        return self._cache.apply(edit)
+
+    def _restore(self, edit: RestoreBodies, displaced: Mapping[BodyId, Array]) -> None:
+        self._cache.restore(edit, displaced)
+
+    def _decisions(self, ids: Collection[BodyId]) -> tuple[SimulatedBodies, Mapping[BodyId, BodyGeometry]]:
+        builder = self._cache.builder
+        return builder.decisions(ids), {id: builder.geometry[id] for id in ids if id in builder.geometry}
+
+    def _actuators_inverse(self, edit: SetActuators) -> SetActuators:
+        return self._cache.builder.actuators.inverse(edit)
+
+    @property
+    def state_key(self) -> object:
+        return self._cache.key
 
     def clear(self) -> None:
         self._require_open()
         self._cache = ModelCache(self._timestep_s, arena_cap_bytes=self._cache.arena_cap_bytes)
         self._forces.clear()
 
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        self._require_open().attach(parent, child)
-
-    def detach(self, child: BodyId) -> None:
-        self._require_open().detach(child)
-
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._set_pose(id, pose)
-
-    def restore_pose(self, id: BodyId, pose: Pose) -> None:
-        """See `BodySavingEngine`."""
-        self._set_pose(id, pose, tolerance=_MAX_BEYOND_LIMIT)
-
-    def _set_pose(self, id: BodyId, pose: Pose, *, tolerance: float = 0.0) -> None:
-        """Sets a pose, which may be so far beyond the limits of a joint [m or rad]."""
+    def _set_pose(self, id: BodyId, pose: Pose, *, restores: bool) -> None:
         cache = self._require_open()
         cache.registry.body(id)
         if reason := pose_error(pose):
@@ -573,20 +555,10 @@ class MujocoEngine:
         target = normalized_pose_array(pose)
         if id in cache.forest.tree_joints:
             cache.model()  # joint coordinates need a current model
-        if not cache.stale and self._move_in_place(cache, id, target, tolerance):
-            cache.registry.replace(id, pose=pose)
-            return
-        cache.move(id, target)
-        cache.registry.replace(id, pose=pose)
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        self._require_open().set_physics(id, physics)
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        self._require_open().registry.replace(id, materials=materials)
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        self._require_open().registry.replace(id, label=label)
+        tolerance = _MAX_BEYOND_LIMIT if restores else 0.0
+        if cache.stale or not self._move_in_place(cache, id, target, tolerance):
+            cache.move(id, target)
+        cache.registry.move(id, pose)
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._require_open().registry.highlight(ids, color)
@@ -596,7 +568,9 @@ class MujocoEngine:
 
     @checked
     def apply_force(self, id: BodyId, force: ForceVector, point: Point | None = None) -> None:
-        self._require_open().registry.body(id)
+        cache = self._require_open()
+        cache.registry.body(id)
+        cache.key = object()
         self._forces.append(
             (id, np.asarray(force, dtype=float), None if point is None else np.asarray(point, dtype=float))
         )
@@ -612,7 +586,7 @@ class MujocoEngine:
         steps, self._pending_s = whole_steps(self._pending_s + duration_s, self._timestep_s)
         if steps <= 0:
             return 0.0
-        end_s = time.monotonic() + wall_s
+        end_s, cache.key = time.monotonic() + wall_s, object()
         compiled = cache.model(with_poses=bool(self._forces))
         cache.builder.mark_simulated()
         if self._forces:
@@ -714,23 +688,8 @@ class MujocoEngine:
         self._forces.clear()
         self._pending_s = 0.0
 
-    def save_bodies(self) -> SavedBodies:
-        """See `BodySavingEngine`; the same holds for the method below."""
-        return SavedBodies(self._require_open().builder.copy())
-
-    def restore_bodies(
-        self, saved: SavedBodies, poses: Mapping[BodyId, Array], *, displaced: Mapping[BodyId, Array]
-    ) -> None:
-        cache = self._require_open()
-        if not isinstance(saved, PhysicsModelBuilder):
-            raise TypeError(f"expected bodies from MujocoEngine.save_bodies, not {type(saved).__name__}")
-        cache.restore(saved, poses, displaced)
-
     def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
         self._require_open().scale_dynamics(scales)
-
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        self._require_open().set_actuators(actuators, without_weight=without_weight)
 
     @checked
     def set_commands(self, commands: Mapping[str, Finite]) -> None:

@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from mindstage.engines.actuators import ActuatedBodies
-from mindstage.engines.base import SpawnNoteKind, SpawnOptions
+from mindstage.engines.base import SpawnNoteKind
+from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.engines.mujoco.compiler import MeshAsset, compile_model, load_mesh
 from mindstage.engines.mujoco.engine import ModelCache
@@ -25,6 +26,7 @@ from mindstage.engines.mujoco.mjcf_visuals import VisualAssets, format_color
 from mindstage.engines.mujoco.state import CompiledModel, limit_stiffness
 from mindstage.errors import MapWriteError
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, Joint, Light, LightType, World
+from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import normalized_pose_array, quat_rotate
 
 __all__ = ["MjcfExport", "world_to_mjcf"]
@@ -88,9 +90,9 @@ def world_to_mjcf(
     geometry = {**geometry, **{id: each for bodies in actuated for id, each in bodies.geometry.items()}}
     cache = ModelCache(0.002)
     pairs = frozenset(pair for bodies in actuated for pair in bodies.excluded_pairs)
-    report = cache.add(world, geometry=geometry, options=SpawnOptions(excluded_pairs=pairs))
+    report = cache.apply(Spawn(world, geometry=geometry, excluded_pairs=pairs)).report
     for bodies in actuated:
-        cache.set_actuators(bodies.actuators, without_weight=bodies.without_weight)
+        cache.apply(SetActuators(bodies.actuators, tuple(bodies.without_weight)))
     failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
     compiled = compile_model(replace(cache.model_input(), kinematics_driven=True), scenery=False)
     if compiled.actuators.names:

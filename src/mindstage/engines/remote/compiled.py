@@ -8,8 +8,8 @@ step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import msgspec
@@ -29,20 +29,15 @@ from mindstage.bridge.conversions import (
     to_json,
     vector_message,
 )
-from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
-    Actuator,
-    Capability,
-    PoseArray,
-    SpawnNote,
-    SpawnOptions,
-    SpawnReport,
-)
+from mindstage.engines.base import Actuator, Capability, PoseArray, SpawnNote, SpawnReport
+from mindstage.engines.editing import EditingEngine, Performed, is_moved, unsupported_edit
+from mindstage.engines.edits import RestoreBodies, SetActuators, SimulatedBodies
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.physics_model import (
     BodyModel,
     JointModel,
     PhysicsModelBuilder,
+    build_physics_model,
     check_joint_limits,
     joint_positions_from_poses,
 )
@@ -54,10 +49,9 @@ from mindstage.msgs import Message, Service
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ranges import Finite, ForceVector, Point, checked
 from mindstage.scene import (
-    NO_GEOMETRY,
     Body,
+    BodyGeometry,
     BodyId,
-    BodyPhysics,
     Color,
     GeometryMap,
     Joint,
@@ -66,6 +60,7 @@ from mindstage.scene import (
     Pose,
     World,
 )
+from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetLabel, SetMaterials, SetPhysics, Spawn
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -91,7 +86,7 @@ class ModelState:
     @classmethod
     def from_builder(cls, builder: PhysicsModelBuilder) -> ModelState:
         """The state that describes the current model of a builder."""
-        model = builder.build_model()
+        model = build_physics_model(builder)
         return cls(
             bodies={id: _body_change(each) for id, each in model.bodies.items()},
             excluded_pairs=model.excluded_pairs,
@@ -173,13 +168,15 @@ def _drive_change(axis: int, actuator: Actuator) -> DriveModelDelta:
 # ruff: noqa: D102 - the methods of an engine are documented in the protocol
 
 _POSE_DTYPE = np.dtype(("<f8", 7))
+_MAX_BEYOND_LIMIT = 0.05
+"""Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-5
 """Rounding error of a single-precision pose some ten meters from the origin [m, rad]."""
 
 ModelEdit = Callable[[PhysicsModelBuilder, Array], object]
 
 
-class CompiledRemoteEngine(MindstageRemoteEngine):
+class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
     """An engine that computes the physics model here and simulates it remotely.
 
     The remote world may also be edited there, for example by hand in an editor. Bodies added or removed that way are
@@ -208,29 +205,96 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    def _entities(self) -> EntityRegistry:
+        self._require_open()
+        return self._builder.registry
+
+    def _rows(self) -> dict[BodyId, Array]:
+        return self._poses_by_id()
+
+    def _described_poses(self) -> dict[BodyId, Pose]:
+        registry = self._builder.registry
+        rows = self._builder.described_if_settled(self._current_poses())
+        now = {id: pose_from_array(row) for id, row in zip(registry.ids, rows, strict=True)}
+        return {
+            id: now[id] if is_moved(body.pose, now[id], tolerance_m=_POSE_TOLERANCE, tolerance_rad=_POSE_TOLERANCE)
+            else body.pose
+            for id, body in registry.bodies.items()
+        }  # fmt: skip
+
+    def _decisions(self, ids: Collection[BodyId]) -> tuple[SimulatedBodies, Mapping[BodyId, BodyGeometry]]:
+        builder = self._builder
+        return builder.decisions(ids), {id: builder.geometry[id] for id in ids if id in builder.geometry}
+
+    def _actuators_inverse(self, edit: SetActuators) -> SetActuators:
+        self._require_actuators()
+        return self._builder.actuators.inverse(edit)
+
+    def _perform(self, edit: Edit) -> Performed:
+        match edit:
+            case Spawn():
+                return self._spawn_compiled(edit)
+            case SetMaterials():
+                self._call(
+                    wire.SetMaterials,
+                    wire.SetMaterials.Request(id=edit.id, materials=to_json(edit.materials, tuple[Material, ...])),
+                )
+                self._builder.registry.change(edit)
+            case SetLabel():
+                self._call(wire.SetLabel, wire.SetLabel.Request(id=edit.id, label=edit.text))
+                self._builder.registry.change(edit)
+            case _:
+                service, request = _service_of(edit)
+                self._apply_edit(service, request, lambda builder, poses: builder.apply(edit, poses))
+        return Performed()
+
+    def _spawn_compiled(self, edit: Spawn) -> Performed:
         self.ping()  # detects a world that was reset
+        world = edit.world
         poses = np.zeros((0, 7)) if self._world_lost else self._current_poses()
         trial = self._builder.copy()
-        report, moved = trial.add(world, poses, geometry=geometry, options=options)
+        performed = trial.apply(edit, poses)
         text, unsent = encode_world(_accepted_part(world, self._builder.registry, trial.registry))
-        sent = ModelState.from_builder(trial)
         new = trial.registry.bodies.keys() - self._builder.registry.bodies.keys()
-        usable, _ = encode_geometry(
-            {id: body_geometry for id, body_geometry in geometry.items() if id in new}
-        )  # the report of the builder covers the others
-        request = wire.SpawnWorld.Request(
-            world=text,
-            forms=geometry_to_json(usable, mesh=self._export_mesh),
-            plan=model_delta_to_json(self._sent_state.diff_to(sent, poses=_poses_from_arrays(moved))),
+        remote = self._send_world(
+            trial, text, {id: edit.geometry[id] for id in edit.geometry if id in new}, performed.moved
         )
-        remote = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
-        failed = [failure.id for each in (unsent, remote) for failure in each.failed_bodies]
-        trial.remove(id for id in trial.registry.ids if id in set(failed))
-        self._commit(trial, sent if not failed else ModelState.from_builder(trial))
-        return _merge_reports(report, unsent, remote)
+        failed = {failure.id for each in (unsent, remote) for failure in each.failed_bodies}
+        trial.remove(id for id in trial.registry.ids if id in failed)
+        self._commit(trial, ModelState.from_builder(trial))
+        return replace(performed, report=_merge_reports(performed.report, unsent, remote))
+
+    def _send_world(
+        self, trial: PhysicsModelBuilder, text: str, geometry: GeometryMap, moved: Mapping[BodyId, Array]
+    ) -> SpawnReport:
+        """Sends bodies that were added to a copy of the builder."""
+        change = self._sent_state.diff_to(ModelState.from_builder(trial), poses=_poses_from_arrays(moved))
+        usable, _ = encode_geometry(geometry)  # the report of the builder covers the others
+        request = wire.SpawnWorld.Request(
+            world=text, forms=geometry_to_json(usable, mesh=self._export_mesh), plan=model_delta_to_json(change)
+        )
+        return self._spawn(request, entity_count=len(trial.registry.bodies))
+
+    def _restore(self, edit: RestoreBodies, displaced: Mapping[BodyId, Array]) -> None:
+        for id, row in displaced.items():
+            moving = self._builder.connected_bodies(id) if self._builder.is_loose(id) else None
+            self._place(id, pose_from_array(row), moving)
+        poses = self._current_poses()
+        trial = self._builder.copy()
+        trial.restore(edit, poses)
+        rows = {id: np.array(row) for id, row in edit.poses.items()}
+        bodies = (
+            msgspec.structs.replace(body, pose=pose_from_array(rows[body.id])) if is_moved(body.pose, at) else body
+            for body in edit.world.bodies
+            for at in (pose_from_array(rows[body.id]),)
+        )
+        part = _accepted_part(
+            msgspec.structs.replace(edit.world, bodies=tuple(bodies)), self._builder.registry, trial.registry
+        )
+        self._send_world(trial, encode_world(part)[0], edit.geometry, {})
+        self._commit(trial, ModelState.from_builder(trial))
+        if edit.decisions.commands:
+            self.set_commands(edit.decisions.commands)
 
     def snapshot(self) -> World:
         world = super().snapshot()
@@ -255,27 +319,20 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         super().clear()
         self._reset()
 
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        removed = tuple(ids)
-        self._apply_edit(wire.Delete, wire.Delete.Request(ids=removed), lambda builder, poses: builder.remove(removed))
-
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        request = wire.Attach.Request(parent=parent, child=child)
-        self._apply_edit(wire.Attach, request, lambda builder, poses: builder.attach(parent, child, poses))
-
-    def detach(self, child: BodyId) -> None:
-        self._apply_edit(wire.Detach, wire.Detach.Request(child=child), lambda builder, poses: builder.detach(child))
-
     # -- bodies --------------------------------------------------------------------------------------------------------
 
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._require_body(id)
+    def _set_pose(self, id: BodyId, pose: Pose, *, restores: bool) -> None:
         if reason := pose_error(pose):
             raise PoseUnreachableError(id, reason=reason)
+        if id in self._builder.forest.tree_joints:
+            tolerance = _MAX_BEYOND_LIMIT if restores else _POSE_TOLERANCE
+            check_joint_limits(self._builder, id, normalized_pose_array(pose), self._poses_by_id(), tolerance=tolerance)
+        self._place(id, pose)
+
+    def _place(self, id: BodyId, pose: Pose, moving: Sequence[BodyId] | None = None) -> None:
+        """Moves a body, and others with it: by default those that move with it."""
         current, target, builder = self._poses_by_id(), normalized_pose_array(pose), self._builder
-        if id in builder.forest.tree_joints:
-            check_joint_limits(builder, id, target, current, tolerance=_POSE_TOLERANCE)
-        moving = builder.bodies_moving_with(id)
+        moving = builder.bodies_moving_with(id) if moving is None else moving
         moved = pose_multiply(
             pose_multiply(target, pose_inverse(current[id])), np.array([current[each] for each in moving])
         )
@@ -291,28 +348,14 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
 
         def apply(builder: PhysicsModelBuilder, poses: Array) -> None:
             builder.update_attachment_pose(id, target, poses)
-            builder.registry.replace(id, pose=pose)
+            builder.registry.move(id, pose)
 
         request = wire.SetPose.Request(id=id, pose=pose_message(pose))
         if id in builder.forest.rigid_parents:
             self._apply_edit(wire.SetPose, request, apply, poses=poses)
         else:  # the model does not change, and a dragged body gets many poses a second
             self._send_edit(wire.SetPose, request, PhysicsModelDelta(poses=poses))
-            builder.registry.replace(id, pose=pose)
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        request = wire.SetPhysics.Request(id=id, physics=to_json(physics))
-        self._apply_edit(wire.SetPhysics, request, lambda builder, poses: builder.set_physics(id, physics))
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        self._require_body(id)
-        super().set_materials(id, materials)
-        self._builder.registry.replace(id, materials=materials)
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        self._require_body(id)
-        super().set_label(id, label)
-        self._builder.registry.replace(id, label=label)
+            builder.registry.move(id, pose)
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         super().highlight(tuple(self._require_body(id) for id in ids), color)
@@ -326,16 +369,6 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         self._forces.append(applied_force)
 
     # -- actuators -----------------------------------------------------------------------------------------------------
-
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        self._require_actuators()
-        added, bodies = tuple(actuators), tuple(without_weight)
-
-        def apply(builder: PhysicsModelBuilder, poses: Array) -> None:
-            builder.set_actuators(added, without_weight=bodies)
-
-        text = to_json(added, tuple[Actuator, ...])
-        self._apply_edit(wire.SetActuators, wire.SetActuators.Request(actuators=text, without_weight=bodies), apply)
 
     @checked
     def set_commands(self, commands: Mapping[str, Finite]) -> None:
@@ -464,8 +497,8 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         """Takes over a world that was edited remotely; the next edit sends the whole model again."""
         before, builder = self._builder, PhysicsModelBuilder()
         world = super().snapshot()
-        options = SpawnOptions(immovable=frozenset(before.registry.immovable), settle=False)
-        builder.add(world, np.zeros((0, 7)), geometry=before.geometry, options=options)
+        immovable = frozenset(before.registry.immovable)
+        builder.apply(Spawn(world, geometry=before.geometry, immovable=immovable, settle=False), np.zeros((0, 7)))
         builder.ground_height_m, builder.late_notes = before.ground_height_m, before.late_notes
         self._commit(builder, ModelState(ground_height_m=before.ground_height_m))
 
@@ -478,6 +511,23 @@ class CompiledRemoteEngine(MindstageRemoteEngine):
         super()._reconnect()
         if self._world_lost:
             self._reset()
+
+
+def _service_of(edit: Edit) -> tuple[type[Service], Message]:
+    """The service that makes an edit, and its request."""
+    match edit:
+        case Delete():
+            return wire.Delete, wire.Delete.Request(ids=edit.bodies)
+        case Attach():
+            return wire.Attach, wire.Attach.Request(parent=edit.parent, child=edit.child)
+        case Detach():
+            return wire.Detach, wire.Detach.Request(child=edit.child)
+        case SetPhysics():
+            return wire.SetPhysics, wire.SetPhysics.Request(id=edit.id, physics=to_json(edit.physics))
+        case SetActuators():
+            text = to_json(edit.actuators, tuple[Actuator, ...])
+            return wire.SetActuators, wire.SetActuators.Request(actuators=text, without_weight=edit.without_weight)
+    raise unsupported_edit("this remote engine", edit)
 
 
 P = TypeVar("P", Body, Joint, Light)

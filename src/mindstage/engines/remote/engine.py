@@ -8,9 +8,9 @@ timeout while the connection is lost; the first call after it is restored succee
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
-from mindstage.engines.base import Actuator, ActuatorState, Contact, DynamicsScale, Engine, EngineStats, SpawnNote
+from mindstage.engines.base import ActuatorState, Contact, DynamicsScale, Engine, EngineStats, SpawnNote
 from mindstage.engines.remote.client import RemoteProfile, ServiceClient
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 from mindstage.ranges import Finite, checked
@@ -37,6 +37,11 @@ class RemoteEngine(Engine):
     def notes(self) -> tuple[SpawnNote, ...]:
         """None: the wire has no messages for them."""
         return ()
+
+    @property
+    def state_key(self) -> object:
+        """None: other clients may change the world."""
+        return None
 
     @abstractmethod
     def ping(self) -> float:
@@ -74,7 +79,8 @@ class RemoteEngine(Engine):
         self._require_open()
         raise UnsupportedByEngineError(self.name, what="scale masses and frictions", remedy="fork its simulation")
 
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
+    @checked
+    def set_commands(self, commands: Mapping[str, Finite]) -> None:
         """See `Engine`.
 
         Raises:
@@ -82,13 +88,8 @@ class RemoteEngine(Engine):
         """
         raise self._unsupported_actuators()
 
-    @checked
-    def set_commands(self, commands: Mapping[str, Finite]) -> None:
-        """See `set_actuators`."""
-        raise self._unsupported_actuators()
-
     def actuator_states(self) -> Mapping[str, ActuatorState]:
-        """See `set_actuators`."""
+        """See `set_commands`."""
         raise self._unsupported_actuators()
 
     def _unsupported_actuators(self) -> UnsupportedByEngineError:

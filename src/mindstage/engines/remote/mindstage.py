@@ -25,25 +25,24 @@ from mindstage.bridge.conversions import (
     message_to_error,
     point_message,
     pose_array_from_messages,
-    pose_message,
     to_json,
     vector_message,
     world_from_json,
     world_to_json,
 )
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
-    Actuator,
     ActuatorState,
+    Applied,
     Capability,
     PoseArray,
     SavedState,
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.editing import apply_parts
+from mindstage.engines.edits import SetActuators
 from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
@@ -52,6 +51,7 @@ from mindstage.errors import (
     EngineUnavailableError,
     MessageValidationError,
     PoseUnreachableError,
+    SpawnRefusedError,
     WorldError,
 )
 from mindstage.msgs import Message, Service, encode, engine_service
@@ -62,17 +62,15 @@ from mindstage.scene import (
     Body,
     BodyGeometry,
     BodyId,
-    BodyPhysics,
     Color,
     GeometryMap,
     Iri,
     Joint,
     Light,
-    Material,
-    Pose,
     World,
 )
 from mindstage.scene.collision_shapes import compile_geometry
+from mindstage.scene.edits import Delete, Edit, GeometryEdit, SetPoses, Spawn, edit_from_json, edit_to_json
 from mindstage.scene.kinematics import without_lost_masters
 
 __all__ = ["MeshExporter", "MindstageRemoteEngine", "encode_geometry", "encode_world"]
@@ -209,19 +207,42 @@ class MindstageRemoteEngine(RemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    def apply(self, edit: Edit) -> Applied:
+        if parts := edit.parts():
+            return apply_parts(self, edit, parts)
+        if isinstance(edit, Spawn):
+            report = self._spawn_world(edit)
+            failed = {each.id for each in report.failed_bodies}
+            inverse: Edit = Delete(tuple(id for id in edit.ids if id not in failed))
+            if edit.whole and not report.ok:
+                self.apply(inverse)
+                raise SpawnRefusedError(report.failures[0].id, reason=report.failures[0].reason)
+            return Applied(edit=edit, inverse=inverse, report=report)
+        if isinstance(edit, SetPoses):  # JSON has no such numbers
+            for id, pose in edit.poses.items():
+                if reason := pose_error(pose):
+                    raise PoseUnreachableError(id, reason=reason)
+        if isinstance(edit, SetActuators):
+            self._require_actuators()
+        sent = msgspec.structs.replace(edit, geometry={}) if isinstance(edit, GeometryEdit) else edit
+        refusal = ValueError if isinstance(edit, SetActuators) else WorldError
+        request = wire.ApplyEdit.Request(edit=edit_to_json(sent).decode())
+        reply: wire.ApplyEdit.Response = self._call(wire.ApplyEdit, request, refusal=refusal)
+        with self._client.validating("apply_edit"):
+            return Applied(edit=edit, inverse=edit_from_json(reply.inverse))
+
+    def _spawn_world(self, edit: Spawn) -> SpawnReport:
+        world, geometry = edit.world, edit.geometry
         names = {body.id: body.mesh for body in world.bodies if body.mesh and not is_granted(body.mesh)}
         self._own_meshes |= names
         sent = (msgspec.structs.replace(body, mesh=None) if body.id in names else body for body in world.bodies)
         text, unsent = encode_world(msgspec.structs.replace(world, bodies=tuple(sent)) if names else world)
         usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
-        if options.immovable:
+        if edit.immovable:
             reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
-            notes = (*notes, SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, tuple(sorted(options.immovable)), reason))
-        if options.excluded_pairs:
-            pairs = tuple(sorted({id for pair in options.excluded_pairs for id in pair}))
+            notes = (*notes, SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, tuple(sorted(edit.immovable)), reason))
+        if edit.excluded_pairs:
+            pairs = tuple(sorted({id for pair in edit.excluded_pairs for id in pair}))
             notes = (
                 *notes,
                 SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, pairs, f"{self.name} decides which pairs collide"),
@@ -243,17 +264,8 @@ class MindstageRemoteEngine(RemoteEngine):
         with self._client.validating("spawn_world"):
             return msgspec.convert(encode(reply.report), SpawnReport)
 
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        self._call(wire.Delete, wire.Delete.Request(ids=tuple(ids)))
-
     def clear(self) -> None:
         self._call(wire.Clear, wire.Clear.Request(), even_if_restarted=True)
-
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        self._call(wire.Attach, wire.Attach.Request(parent=parent, child=child))
-
-    def detach(self, child: BodyId) -> None:
-        self._call(wire.Detach, wire.Detach.Request(child=child))
 
     def snapshot(self) -> World:
         reply: wire.LogWorld.Response = self._call(wire.LogWorld, wire.LogWorld.Request())
@@ -264,21 +276,6 @@ class MindstageRemoteEngine(RemoteEngine):
         return msgspec.structs.replace(world, bodies=bodies, joints=without_lost_masters(world.joints))
 
     # -- bodies --------------------------------------------------------------------------------------------------------
-
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
-        if reason := pose_error(pose):
-            raise PoseUnreachableError(id, reason=reason)  # JSON has no such numbers
-        self._call(wire.SetPose, wire.SetPose.Request(id=id, pose=pose_message(pose)))
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        self._call(wire.SetPhysics, wire.SetPhysics.Request(id=id, physics=to_json(physics)))
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        text = to_json(materials, tuple[Material, ...])
-        self._call(wire.SetMaterials, wire.SetMaterials.Request(id=id, materials=text))
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        self._call(wire.SetLabel, wire.SetLabel.Request(id=id, label=label))
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         request = wire.Highlight.Request(ids=tuple(ids))
@@ -342,12 +339,6 @@ class MindstageRemoteEngine(RemoteEngine):
         self._call(wire.RestoreState, wire.RestoreState.Request(handle=state.location.handle))
 
     # -- actuators -----------------------------------------------------------------------------------------------------
-
-    def set_actuators(self, actuators: Iterable[Actuator], *, without_weight: Iterable[BodyId] = ()) -> None:
-        self._require_actuators()
-        text = to_json(tuple(actuators), tuple[Actuator, ...])
-        request = wire.SetActuators.Request(actuators=text, without_weight=tuple(without_weight))
-        self._call(wire.SetActuators, request, refusal=ValueError)
 
     @checked
     def set_commands(self, commands: Mapping[str, Finite]) -> None:

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.access.limits import Duration
 from mindstage.bridge.conversions import color_code, pose_array_from_messages, pose_message
@@ -31,16 +32,16 @@ from mindstage.bridge.conversions_unreal import (
     untranslatable_fields,
 )
 from mindstage.engines.base import (
-    DEFAULT_SPAWN_OPTIONS,
     Capability,
     PoseArray,
     SavedState,
     SpawnFailure,
     SpawnNote,
     SpawnNoteKind,
-    SpawnOptions,
     SpawnReport,
 )
+from mindstage.engines.editing import EditingEngine, Performed
+from mindstage.engines.edits import RestoreBodies, SimulatedBodies
 from mindstage.engines.registry import AddResult, EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
@@ -56,19 +57,17 @@ from mindstage.msgs import Message, Service, snake_case
 from mindstage.msgs import world_control_msgs as wire
 from mindstage.ranges import ForceVector, Point, checked
 from mindstage.scene import (
-    NO_GEOMETRY,
     Attachment,
     Body,
+    BodyGeometry,
     BodyId,
-    BodyPhysics,
     Color,
-    GeometryMap,
-    Material,
     Pose,
     Vector,
     World,
 )
-from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply
+from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, SetMaterials, SetPhysics, Spawn
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply
 
 __all__ = ["UROSWorldControlClient", "UnrealEngine", "spawn_in_unreal"]
 
@@ -251,7 +250,7 @@ _POLL_INTERVAL_S = 0.5
 _log = logging.getLogger("mindstage.engines.remote")
 
 
-class UnrealEngine(RemoteEngine):
+class UnrealEngine(EditingEngine, RemoteEngine):
     """The part of the `Engine` protocol that the plugin supports.
 
     Bodies that others delete in Unreal are removed from poses and snapshots with a warning. When all are gone, every
@@ -306,9 +305,56 @@ class UnrealEngine(RemoteEngine):
 
     # -- the world -----------------------------------------------------------------------------------------------------
 
-    def spawn(
-        self, world: World, *, geometry: GeometryMap = NO_GEOMETRY, options: SpawnOptions = DEFAULT_SPAWN_OPTIONS
-    ) -> SpawnReport:
+    def _entities(self) -> EntityRegistry:
+        self._require_open()
+        return self._registry
+
+    def _decisions(self, ids: Collection[BodyId]) -> tuple[SimulatedBodies, Mapping[BodyId, BodyGeometry]]:
+        return SimulatedBodies(), {}
+
+    def _perform(self, edit: Edit) -> Performed:
+        if isinstance(edit, Spawn):
+            return Performed(self._spawn(edit.world))
+        registry = self._require_world()
+        match edit:
+            case Delete():
+                self._delete(registry, edit.bodies)
+            case Attach():
+                trial = registry.copy()
+                trial.attach(edit.parent, edit.child)
+                attach = wire.AttachModelToParent.Request(parent_id=edit.parent, child_id=edit.child)
+                reply = self._client_api.call(wire.AttachModelToParent, attach)
+                self._require(reply.success, f"attach {edit.child!r} to {edit.parent!r}")
+                self._registry = trial
+            case Detach() if edit.child in registry.parents:
+                raise self._unsupported("detach", "delete that body and spawn it again")
+            case SetPhysics():
+                properties = physics_message(edit.physics)
+                change = wire.SetPhysicsProperties.Request(id=edit.id, physics_properties=properties)
+                reply = self._client_api.call(wire.SetPhysicsProperties, change)
+                self._require(reply.success, f"change the physics of {edit.id!r}")
+                registry.change(edit)
+            case SetMaterials():
+                paint = wire.SetMaterial.Request(
+                    id=edit.id,
+                    material_names=tuple(material.name for material in edit.materials),
+                    material_paths=tuple(material.path for material in edit.materials),
+                )
+                reply = self._client_api.call(wire.SetMaterial, paint)
+                self._require(reply.success, f"change the material of {edit.id!r}")
+                registry.change(edit)
+            case BodyEdit():
+                registry.change(edit)
+        return Performed()
+
+    def _restore(self, edit: RestoreBodies, displaced: Mapping[BodyId, Array]) -> None:
+        bodies = (replace(body, pose=pose_from_array(edit.poses[body.id])) for body in edit.world.bodies)
+        self._spawn(replace(edit.world, bodies=tuple(bodies)))
+
+    def _rows(self) -> dict[BodyId, Array]:
+        return {id: normalized_pose_array(body.pose) for id, body in self._registry.bodies.items()}
+
+    def _spawn(self, world: World) -> SpawnReport:
         self._require_open()
         if self._world_lost:
             self._reset()
@@ -324,8 +370,7 @@ class UnrealEngine(RemoteEngine):
         self._pivots |= {id: pivot for id, pivot in mesh_pivots(world).items() if id in spawned}
         return report
 
-    def delete(self, ids: Iterable[BodyId]) -> None:
-        registry = self._require_world()
+    def _delete(self, registry: EntityRegistry, ids: Iterable[BodyId]) -> None:
         removed = {registry.body(id).id: None for id in ids}
         joints = [each.id for each in registry.joints.values() if {each.parent, each.child} & removed.keys()]
         remaining = self._client_api.delete(removed)
@@ -340,60 +385,21 @@ class UnrealEngine(RemoteEngine):
         self._client_api.delete([*self._registry.joints, *self._registry.bodies])  # whatever has lost its tags
         self._reset()
 
-    def attach(self, parent: BodyId, child: BodyId) -> None:
-        trial = self._require_world().copy()
-        trial.attach(parent, child)
-        request = wire.AttachModelToParent.Request(parent_id=parent, child_id=child)
-        self._require(
-            self._client_api.call(wire.AttachModelToParent, request).success, f"attach {child!r} to {parent!r}"
-        )
-        self._registry = trial
-
-    def detach(self, child: BodyId) -> None:
-        registry = self._require_world()
-        registry.body(child)
-        if child in registry.parents:
-            raise self._unsupported("detach", "delete that body and spawn it again")
-
     def snapshot(self) -> World:
         _, poses = self.poses()
         return self._registry.to_world(poses, tolerance_m=_ROUNDED_M, tolerance_rad=_ROUNDED_RAD)
 
     # -- bodies --------------------------------------------------------------------------------------------------------
 
-    def set_pose(self, id: BodyId, pose: Pose) -> None:
+    def _set_pose(self, id: BodyId, pose: Pose, *, restores: bool) -> None:
         registry = self._require_world()
-        registry.body(id)
         if reason := pose_error(pose):
             raise PoseUnreachableError(id, reason=reason)
         placed = _pose_of_pivot(pose, self._pivots.get(id, _CENTERED))
         request = wire.SetModelPose.Request(id=id, pose=pose_message(placed))
         if not self._client_api.call(wire.SetModelPose, request).success:
             raise PoseUnreachableError(id, reason="Unreal did not set the pose, without a reason")
-        registry.replace(id, pose=pose)
-
-    def set_physics(self, id: BodyId, physics: BodyPhysics) -> None:
-        registry = self._require_world()
-        registry.body(id)
-        request = wire.SetPhysicsProperties.Request(id=id, physics_properties=physics_message(physics))
-        self._require(
-            self._client_api.call(wire.SetPhysicsProperties, request).success, f"change the physics of {id!r}"
-        )
-        registry.replace(id, physics=physics)
-
-    def set_materials(self, id: BodyId, materials: tuple[Material, ...]) -> None:
-        registry = self._require_world()
-        registry.body(id)
-        request = wire.SetMaterial.Request(
-            id=id,
-            material_names=tuple(material.name for material in materials),
-            material_paths=tuple(material.path for material in materials),
-        )
-        self._require(self._client_api.call(wire.SetMaterial, request).success, f"change the material of {id!r}")
-        registry.replace(id, materials=materials)
-
-    def set_label(self, id: BodyId, label: str) -> None:
-        self._require_world().replace(id, label=label)
+        registry.move(id, pose)
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         """Outlines bodies in the nearest of the plugin's five colors."""

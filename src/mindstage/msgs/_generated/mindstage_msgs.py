@@ -18,6 +18,7 @@ from mindstage.msgs.schema import base
 __all__ = [
     "ActuatorState",
     "AddRobot",
+    "ApplyEdit",
     "Ask",
     "Attach",
     "Clear",
@@ -125,7 +126,7 @@ class EpisodeEdit(base.Message, frozen=True):
 
     stamp: builtin_interfaces.Time = builtin_interfaces.Time()
     kind: base.String = ""
-    """Such as "spawn", "set pose", "question"."""
+    """Such as "spawn", "set poses", "question"."""
     client: base.String = ""
     """Who did it."""
     ids: tuple[base.String, ...] = ()
@@ -283,6 +284,20 @@ class AddRobot(base.Service):
         """What was guessed, or could not be used."""
         expected_rebuild_s: base.Float64 = 0.0
         """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
+
+
+class ApplyEdit(base.Service):
+    """Makes an edit of any kind, and returns the one that reverts it."""
+
+    class Request(base.Message, frozen=True):
+        edit: base.String = ""
+        """JSON of an `Edit`; geometry is that of the bodies of before."""
+
+    class Response(base.Message, frozen=True):
+        success: base.Bool = False
+        refusal: Refusal = Refusal()
+        inverse: base.String = ""
+        """JSON of an `Edit`, without geometry."""
 
 
 class Ask(base.Service):

@@ -10,14 +10,15 @@ import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.robots.navigation import FloorMap
-from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
+from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_front
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of, planar_pose
 from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
-from mindstage.robots.skills.surroundings import Opening, Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Opening, Surroundings
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -433,8 +434,7 @@ def _weld_stance(
 
 def _fix(task: SkillTask, hand: Manipulator, id: BodyId, why: str) -> None:
     """Fixes a thing to the gripper."""
-    link = hand.robot.link_ids[hand.gripper.link]
-    task.session.run_on_engine(lambda engine: engine.attach(link, id), label="attach", edits=True)
+    task.session.apply(Attach(hand.robot.link_ids[hand.gripper.link], id))
     task.assume(f"{id} was fixed to the {hand.gripper.name}: {why}")
 
 
@@ -696,7 +696,7 @@ def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) 
     held = hand.held
     opening = hand.robot.opening(hand.gripper.name)
     if held is not None and _is_fixed(task, held):
-        task.session.run_on_engine(lambda engine: engine.detach(held), label="detach", edits=True)
+        task.session.apply(Detach(held))
     yield from hand.opening(min(opening + 2 * _ROOM_M, hand.gripper.max_opening_m))
     yield from hand.withdrawing(back_m, touch=() if held is None else (held,))
 

@@ -22,10 +22,10 @@ from mindstage.robots.models.model import Arm, BaseType, Gripper, RobotJointType
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.search_limits import SearchLimit
+from mindstage.robots.skill_declaration import SkillMotion
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
-from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
-from mindstage.robots.skills.task import SkillTask
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import (

@@ -13,8 +13,8 @@ from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.models.model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.declaration import Skill, SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
-from mindstage.robots.skills.surroundings import Surroundings
+from mindstage.robots.skill_declaration import Skill, SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
+from mindstage.robots.surroundings import Surroundings
 from mindstage.scene import BodyId
 
 __all__ = ["SkillTask"]

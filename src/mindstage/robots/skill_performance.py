@@ -7,6 +7,7 @@ result = robot.session.run_motion(motion)  # or step by each yielded time
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from mindstage.access.limits import Timeout
@@ -23,8 +24,15 @@ from mindstage.errors import (
 from mindstage.ranges import Seed, checked
 from mindstage.registry import Group, extensions
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.declaration import Skill, SkillOutcome, SkillResult, SkillStep, SkillValue
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import (
+    Skill,
+    SkillOutcome,
+    SkillResult,
+    SkillStep,
+    SkillValue,
+    split_command,
+)
+from mindstage.robots.skill_task import SkillTask
 
 __all__ = ["start_skill"]
 
@@ -39,7 +47,7 @@ class _End(NamedTuple):
 def start_skill(
     robot: Robot,
     name: str,
-    args: Mapping[str, object],
+    args: Mapping[str, object] = MappingProxyType({}),
     *,
     deadline_s: Timeout | None = None,
     seed: Seed = 0,
@@ -50,7 +58,7 @@ def start_skill(
     Closing the generator stops the robot, where it then is.
 
     Args:
-        name: the name of the skill.
+        name: the name of the skill, or a command with arguments: "open fridge_door", "go_to x=1 y=0".
         args: its arguments by name; numbers may be given as text.
         deadline_s: the skill fails if it has not ended after this simulated time [s].
         seed: of everything that is sampled.
@@ -63,12 +71,13 @@ def start_skill(
         InvalidArgumentError: there is no such skill, or it does not take these arguments.
         ExtensionError: the package that adds it cannot be imported.
     """
+    name, words = split_command(name)
     known = extensions(Group.SKILLS)
     if name not in known:
         remedy = suggestion(name, known)
         raise InvalidArgumentError("a skill", cause=f"there is no skill {name!r}", remedy=remedy)
     skill = known[name].load(Skill)
-    return _performing(robot, skill, skill.spec.check(args), deadline_s, seed, on_step)
+    return _performing(robot, skill, skill.spec.parse(words, args), deadline_s, seed, on_step)
 
 
 def _performing(

@@ -17,6 +17,7 @@ from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import suppress
 from enum import StrEnum
 from operator import attrgetter
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeAlias, get_args, get_type_hints
 
 import msgspec
@@ -248,14 +249,18 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
         check_number(number, _RANGES[parameter.type], place)
         return float(number)  # type: ignore[arg-type]
 
-    def parse(self, words: Iterable[str]) -> dict[str, SkillValue]:
+    def parse(self, words: Iterable[str], given: Mapping[str, object] = MappingProxyType({})) -> dict[str, SkillValue]:
         """The arguments of a command: values in the order of the parameters, and `name=value`.
+
+        Args:
+            words: the words after the name of the skill.
+            given: further arguments by name.
 
         Raises:
             InvalidArgumentError: as for `check`, or there are too many values.
         """
         names = [each.name for each in self.parameters]
-        args: dict[str, object] = {}
+        args = {name: value for name, value in given.items() if value is not None}
         for word in words:
             name, equals, value = word.partition("=")
             if not equals or name not in names:
@@ -267,7 +272,8 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
             if name in args:
                 raise InvalidArgumentError(self.name, cause=f"{name} is given twice", remedy="give it once")
             args[name] = value
-        if self.alternatives and "thing" in args and _is_number(str(args["thing"])):  # `go_to 1 2 0`
+        is_first = "thing" in args and "thing" not in given
+        if self.alternatives and is_first and _is_number(str(args["thing"])):  # `go_to 1 2 0`
             numbers = [name for name in names if self.parameter(name).type.is_number]
             values = [value for name, value in args.items() if name == "thing" or name in numbers]
             args = dict(zip(numbers, values, strict=False))
