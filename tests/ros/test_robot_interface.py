@@ -12,13 +12,13 @@ import pytest
 import roslibpy.ros1.actionlib as actionlib
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sources import RosPackagePath
 from mindstage.maps.urdf.parse import read_urdf
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots import edits as robot_module
-from mindstage.robots.forward_kinematics import link_poses as model_poses
+from mindstage.robots.models.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.ros.robot_controllers import controllers_of
