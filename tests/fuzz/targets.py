@@ -511,7 +511,7 @@ class RemoteReplies(FuzzTarget):
             yield json.dumps(op).encode()
 
     def process(self, data: bytes) -> None:
-        from mindstage.msgs.registry import message_types
+        from mindstage.msgs.message_registry import message_types
         from mindstage.msgs.schema.base import decode
 
         with suppress(MindstageError):

@@ -29,7 +29,7 @@ from mindstage.msgs._generated import (
     visualization_msgs,
     world_control_msgs,
 )
-from mindstage.msgs.registry import (
+from mindstage.msgs.message_registry import (
     ActionFeedback,
     ActionGoal,
     ActionResult,

@@ -26,7 +26,7 @@ from mindstage.msgs import (
 )
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionResult
 from mindstage.robots.drives import yaw_of
-from mindstage.robots.models.model import BaseType
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.endpoints import Endpoints

@@ -26,7 +26,7 @@ from mindstage.msgs import Message, RosVersion, builtin_interfaces, control_msgs
 from mindstage.msgs import controller_manager_msgs as manager
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionOutcome, MotionResult
 from mindstage.robots.models.forward_kinematics import link_poses
-from mindstage.robots.models.model import RobotModel
+from mindstage.robots.models.robot_model import RobotModel
 from mindstage.robots.robot import Robot
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.ros.diagnostics import Publisher

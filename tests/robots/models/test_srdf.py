@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import RobotModelError
-from mindstage.robots.models.model import BaseType
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.models.srdf import read_srdf
 
 TEXT = """

@@ -16,13 +16,13 @@ from mindstage.robots.control import MotionOutcome
 from mindstage.robots.drives import drives_of
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_tree import shape_points
-from mindstage.robots.models.model import BaseType, RobotJointType, RobotModel
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import BaseType, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry
 from mindstage.scene.edits import Spawn
-from mindstage.scene.kinematics import moving_body
+from mindstage.scene.joint_kinematics import moving_body
 from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_multiply, quat_angle, quat_rotate
 from mindstage.simulation.simulation import Simulation
 from tests.robots.models.installed import known_model

@@ -12,7 +12,7 @@ import numpy as np
 
 from mindstage.robots.models.forward_kinematics import rest_positions
 from mindstage.robots.models.link_tree import LinkTree
-from mindstage.robots.models.model import Gripper, GripperType, ModelNote, RobotJoint
+from mindstage.robots.models.robot_model import Gripper, GripperType, ModelNote, RobotJoint
 from mindstage.scene.transforms import (
     Array,
     pose_from_array,

@@ -16,7 +16,7 @@ import numpy as np
 from mindstage.robots.models.forward_kinematics import rest_positions
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
-from mindstage.robots.models.model import (
+from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     Gripper,
