@@ -211,8 +211,8 @@ def test_a_client_that_asks_for_robots_gets_robots_only(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
-    playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
     with RosInterface(playing, node):
         client = RobotClient(server.port)
         categories = {"object": 0, "robot": 1, "human": 2}  # the numbers of all releases of simulation_interfaces
@@ -224,7 +224,7 @@ def test_a_client_that_asks_for_robots_gets_robots_only(
             )["entities"]
             for name, number in categories.items()
         }
-        assert found["robot"] == [playing.robot(name).link_ids["base_footprint"] for name in ("one", "two")]
+        assert found["robot"] == [find_robot(playing, name).link_ids["base_footprint"] for name in ("one", "two")]
         assert {"DrawerHandle", "FridgeHandle"} <= set(found["object"])
         assert found["human"] == []
         info = client.call("/unreal/get_entity_info", "simulation_interfaces/GetEntityInfo", entity=found["robot"][0])

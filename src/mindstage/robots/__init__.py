@@ -49,7 +49,7 @@ _NAMES_BY_MODULE = {
     "base_placement": ("BasePlacement", "find_base_placements"),
     "edits": ("AddRobot", "RemoveRobot", "add_robot"),
     "robot_kinematics": ("IkResult", "RobotKinematics"),
-    "robot_model": ("RobotModel",),
+    "models.robot_model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
     "robot": ("JointState", "Odometry", "Robot"),
