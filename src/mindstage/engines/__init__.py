@@ -67,7 +67,7 @@ __all__ = [
     "make_engine",
 ]
 
-__dir__ = __all__.copy
+__dir__ = [*__all__, "edits"].copy
 
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
 
@@ -80,6 +80,8 @@ def __getattr__(name: str) -> object:
         return import_module("mindstage.engines.godot").GodotEngine
     if name == "RemoteEngine":
         return import_module("mindstage.engines.remote.engine").RemoteEngine
+    if name == "edits":
+        return import_module("mindstage.engines.edits")
     if name == "connect":
         return import_module("mindstage.engines.remote").connect
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
