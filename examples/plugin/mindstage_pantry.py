@@ -79,10 +79,15 @@ class ConveyorEngine(NullEngine):
     def step(self, duration_s: float) -> None:
         """See `Engine`."""
         super().step(duration_s)
-        for body in self.snapshot().bodies:
-            if body.physics.mobility is Mobility.DYNAMIC:
-                x, y, z = body.pose.position
-                self.apply(SetPoses({body.id: Pose((x + 0.1 * duration_s, y, z), body.pose.quaternion)}))
+        loose = (body for body in self.snapshot().bodies if body.physics.mobility is Mobility.DYNAMIC)
+        poses = {body.id: moved_along_x(body.pose, 0.1 * duration_s) for body in loose}
+        self.apply(SetPoses(poses=poses))
+
+
+def moved_along_x(pose: Pose, distance_m: float) -> Pose:
+    """A pose that is moved along the x axis of the world frame."""
+    x, y, z = pose.position
+    return Pose((x + distance_m, y, z), pose.quaternion)
 
 
 def make_conveyor(name: str, settings: EngineSettings) -> Engine:

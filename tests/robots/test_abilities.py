@@ -307,6 +307,19 @@ def test_a_self_model_adds_its_arms_to_a_description(self_model: Path) -> None:
     assert any(component_class("Camera") in each.classes for each in profile.components)
 
 
+def test_the_parts_of_a_robot_are_at_its_links() -> None:
+    known = load_model("mobile_manipulator")
+    found = {each.name: (each.classes[0].rpartition("#")[2], each.links) for each in profile_of_model(known).components}
+    arm, gripper, head = known.arms[0], known.grippers[0], known.head
+    assert found["base"] == ("HolonomicBase", (known.base.link,))
+    assert found[arm.name] == ("ArmComponent", (arm.base_link, arm.tip_link))
+    assert found[gripper.name] == ("GripperComponent", (gripper.link,))
+    assert found["head"] == ("MovableHead", (head.link,))
+    assert {each.name: (each.link,) for each in known.sensors}.items() <= {
+        name: links for name, (_, links) in found.items()
+    }.items()
+
+
 def test_arm_and_gripper_of_a_robot_are_those_of_its_srdf(tmp_path: Path) -> None:
     known = load_model("mobile_manipulator")
     path = tmp_path / "manipulator.ttl"
