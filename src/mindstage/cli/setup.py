@@ -191,7 +191,7 @@ def knowledge_with_episodes(
         InvalidArgumentError: the folder does not exist; see also `knowledge_base`.
     """
     folder = episodes.episodes
-    opened = _open_episodes(episodes.episode or ()) if folder is None else []
+    opened = _open_episodes(episodes.episode) if episodes.episode and folder is None else []
     if opened and not maps and store is None and endpoint is None:
         knowledge = opened[0].knowledge()
         knowledge.load((), ontologies=[*(reading.ontologies or ()), *_ros_packages()])

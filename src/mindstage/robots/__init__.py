@@ -48,8 +48,8 @@ __all__ = [
 _NAMES_BY_MODULE = {
     "base_placement": ("BasePlacement", "find_base_placements"),
     "edits": ("AddRobot", "RemoveRobot", "add_robot"),
-    "kinematics": ("IkResult", "RobotKinematics"),
-    "model": ("RobotModel",),
+    "robot_kinematics": ("IkResult", "RobotKinematics"),
+    "robot_model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
     "robot": ("JointState", "Odometry", "Robot"),
