@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mindstage.cli.options import ExitCode, MapArgument
-from mindstage.engines import EngineFactory, NullEngine
+from mindstage.engines import Engine, EngineFactory, EngineSettings, NullEngine
 from mindstage.errors import SourceParseError
 from mindstage.files import atomic_write
 from mindstage.knowledge.questions import AnswerRow, IndividualName, QuestionContext, question
@@ -90,7 +90,12 @@ def moved_along_x(pose: Pose, distance_m: float) -> Pose:
     return Pose((x + distance_m, y, z), pose.quaternion)
 
 
-CONVEYOR = EngineFactory(("conveyor",), lambda name, settings: ConveyorEngine())
+def make_conveyor(name: str, settings: EngineSettings) -> Engine:
+    """The engine of that name."""
+    return ConveyorEngine()
+
+
+CONVEYOR = EngineFactory(("conveyor",), make_conveyor)
 
 
 # -- a dialect of maps: the place of a thing is a text "x y z" ---------------------------------------------------------
@@ -132,7 +137,7 @@ def read_stock(path: Path) -> World:
     Raises:
         SourceParseError: a line has another form.
     """
-    bodies = []
+    bodies: list[Body] = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         try:
             name, cls, *place = line.split()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question, list_questions
 from mindstage.maps import bundled_kitchen
+from mindstage.maps.io.write import write_map
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
@@ -38,7 +40,7 @@ def sim() -> Iterator[Simulation]:
         box("Obstacle", (1.45, 1.1, 0.5), (0.3, 0.3, 1.0), kg=400.0),
         box("Pillar", (3.5, -1.5, 0.2), (0.1, 0.1, 0.4), kg=1.0),
     )
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.spawn(World(iri=Iri(MAP + "map"), bodies=added))
         before, revision = sim.snapshot(), sim.state.revision
@@ -136,6 +138,16 @@ def test_a_free_door_opens_to_its_limit_and_a_blocked_one_names_what_is_in_the_w
     assert door.obstacles == (MAP + "Obstacle",)
     assert "Obstacle is in the way" in door.why
     assert door.probability == 0.0
+
+
+def test_a_thing_of_one_of_two_maps_is_opened_in_that_map(tmp_path: Path) -> None:
+    with KnowledgeBase() as knowledge:
+        knowledge.load(bundled_kitchen())
+        (tmp_path / "small.owl").write_text(write_map(kitchenette()), encoding="utf-8")
+        knowledge.load(tmp_path / "small.owl")
+        (row,) = knowledge.ask("can_open", DRAWER)
+        assert (row.front, row.map) == (DRAWER, MAP + "map")
+        assert knowledge.ask("stays", "milk_carton_1", for_s=0.1)[0].map.endswith("kitchen")
 
 
 def test_what_no_joint_moves_cannot_be_opened(sim: Simulation) -> None:
@@ -343,7 +355,7 @@ class Unforkable(MujocoEngine):
     [(Unforkable, "distant cannot be forked"), (NullEngine, "null has no physics")],
 )
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
-    with Simulation(KnowledgeBase(), engine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), engine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()

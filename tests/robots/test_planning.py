@@ -11,9 +11,9 @@ import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import find_arm, interpolated, plan_arm, plan_line, plan_path
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import Body, BodyId, Pose
@@ -192,6 +192,15 @@ def test_a_line_is_straight_and_slow() -> None:
             expected = interpolated(start, end, float(away[row] @ direction) / length)
             assert quat_angle(poses[row, 3:], expected[3:]) < 0.03, share
         assert robot.run(robot.following(trajectory))
+
+
+def test_a_line_is_in_the_frame_of_the_world_wherever_the_robot_stands() -> None:
+    with robot_in(at=(1.0, -2.0, 0.7)) as robot:
+        end = robot.grasp_pose("gripper") + np.array([0.0, 0.0, 0.08, 0.0, 0.0, 0.0, 0.0])
+        assert robot.run(robot.following(plan_line(robot, "", end)))
+        found = robot.grasp_pose("gripper")
+        assert found[:3] == pytest.approx(end[:3], abs=0.005)
+        assert quat_angle(found[3:], end[3:]) < 0.02
 
 
 def test_a_line_through_a_wall_is_refused_with_its_name() -> None:
