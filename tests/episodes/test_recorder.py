@@ -167,7 +167,7 @@ def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulati
     ]
     moved, _, question, _ = edits
     assert (moved.time_s, moved.ids) == (at, (mug,))
-    assert moved.details["pose"]["position"] == [0.0, 0.0, 0.05]
+    assert moved.edits(()) == (SetPoses({mug: Pose((0.0, 0.0, 0.05))}),)
     assert question.details["question"] == "where_is"
     assert len(question.details["answers"]) == question.details["count"] == len(answers) > 0
     assert question.time_s == episode_end(tmp_path / "run.mcap")
@@ -246,7 +246,7 @@ def lift(simulation: Simulation, height: float) -> None:
 def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
     simulation: Simulation, tmp_path: Path
 ) -> None:
-    with simulation.record(tmp_path / "run.mcap") as recorder:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(1.0)
         simulation.undo_stack.reset()
         assert simulation.state.time_s == 0.0
@@ -293,7 +293,7 @@ def delete_the_support(simulation: Simulation) -> None:
 )
 def test_no_edit_ends_a_recording(simulation: Simulation, tmp_path: Path, edits: Callable[[Simulation], None]) -> None:
     simulation.spawn(World(iri=HAND.iri, bodies=(HAND,)))
-    with simulation.record(tmp_path / "run.mcap"):
+    with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.step(0.3)
         edits(simulation)
         simulation.step(0.5)
