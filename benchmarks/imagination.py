@@ -15,7 +15,7 @@ import mujoco
 import mindstage as ms
 from benchmarks import Measure
 from mindstage.engines import Engine, MujocoEngine
-from mindstage.imagination import Executor, Plan, Push, Uncertainty, Wait, WorkerPoolExecutor, imagine
+from mindstage.imagination import Executor, Plan, Push, Uncertainty, Wait, WorkerPoolExecutor, evaluate_plan
 from mindstage.imagination.executors import Job, SampleRunner
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
@@ -128,14 +128,16 @@ def _gpu() -> Iterator[Measure]:
         forbid=(),
     )
     crates = _rows_of_crates(4).snapshot()
-    simulation = Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False)
+    simulation = Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False)
     with simulation, WorkerPoolExecutor(2) as pool:
         simulation.spawn(crates, ground=False)
         simulation.step(1.0)
         runs: list[tuple[Executor, list[float]]] = [(executor, []), (pool, [])]
 
         def run(on: Executor, count: int) -> float:
-            return _seconds(lambda: imagine(simulation, plan, samples=count, width=None, workers=on, budget_s=600.0))
+            return _seconds(
+                lambda: evaluate_plan(simulation, plan, samples=count, width=None, workers=on, budget_s=600.0)
+            )
 
         for on, _ in runs:
             run(on, 2)  # compiles kernels, starts processes
@@ -155,10 +157,10 @@ def _workers(sim: Simulation) -> Iterator[Measure]:
     )
     with WorkerPoolExecutor(1) as one, WorkerPoolExecutor(2) as two:
         for pool in (one, two):
-            imagine(sim, plan, samples=4, workers=pool)
+            evaluate_plan(sim, plan, samples=4, workers=pool)
         pairs = [
             tuple(
-                _seconds(lambda pool=pool: imagine(sim, plan, samples=60, width=None, workers=pool))
+                _seconds(lambda pool=pool: evaluate_plan(sim, plan, samples=60, width=None, workers=pool))
                 for pool in (one, two)
             )
             for _ in range(3)

@@ -35,7 +35,7 @@ COPIES = 100
 TRIPLES = 1_000_000
 GROWTH = 3.0
 """Aim for the ratio of a question about one map among 100 maps, to one map alone."""
-ALONE = ("index", "what_is", "analyse", "tell")
+ALONE = ("index", "what_is", "analyze", "tell")
 """Questions without a peer."""
 WITH_ITSELF = ("subclass_of", "subclass_of, below")
 """Questions where the peers count the class itself as an answer."""

@@ -14,16 +14,16 @@ import numpy as np
 
 from benchmarks import Measure
 from mindstage.engines import MujocoEngine
-from mindstage.engines.mujoco.kinematics import FRAME_SITE
+from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE
 from mindstage.errors import RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.robots import add_robot
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.kinematics import IkResult, RobotKinematics
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.navigation import plan_base
 from mindstage.robots.planning import plan_arm
+from mindstage.robots.robot_kinematics import IkResult, RobotKinematics
 from mindstage.scene import Pose
 from mindstage.scene.transforms import Array
 from mindstage.simulation import Simulation

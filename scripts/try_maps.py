@@ -167,7 +167,7 @@ def try_map(
     stem = re.sub(r"[^\w.-]+", "_", name or path.name)
     picture = Path(os.devnull) if pictures is None else pictures / f"{stem}.png"
     arguments = {
-        "spawn": ("--no-viewport", "--for", f"{seconds:g}"),
+        "spawn": ("--no-viewer", "--for", f"{seconds:g}"),
         "shot": ("--output", str(picture)),
     }
     results: dict[str, StepResult] = {}

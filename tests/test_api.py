@@ -121,7 +121,7 @@ def test_a_simulation_and_a_world_are_saved_alike(map_path: Path, tmp_path: Path
             assert ms.diff(sim, out).identical()
         sim.save(tmp_path / "sim.out", format="owl")
         assert ms.diff(map_path, tmp_path / "sim.out").identical()
-        sim.save(tmp_path / "boxes.glb", plain_shapes=True)
+        sim.save(tmp_path / "boxes.glb", primitive_shapes=True)
         assert (tmp_path / "boxes.glb").stat().st_size < 100_000
 
 

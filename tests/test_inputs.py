@@ -27,20 +27,20 @@ from mindstage.imagination import (
     Uncertainty,
     act,
     dump_plan,
-    imagine,
+    evaluate_plan,
     is_uncertain,
     load_plan,
     run_plan,
     try_first,
     validate_plan,
 )
-from mindstage.robots.base_placement import find_base_poses
+from mindstage.robots.base_placement import find_base_placements
 from mindstage.robots.collisions import HandChecker
 from mindstage.robots.edits import add_robot
-from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import plan_arm, plan_line, plan_path
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.scene import (
     AttachedLight,
     Body,
@@ -136,7 +136,7 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
         RobotKinematics(robot.model).solutions("gripper", Pose((1.4, 0.5, 1.8)), root_pose=pose)
     ),
     "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
-    "find_base_poses targets": lambda robot, pose: find_base_poses(robot, "", [pose], count=1),
+    "find_base_placements targets": lambda robot, pose: find_base_placements(robot, "", [pose], count=1),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
     "plan_line target": lambda robot, pose: plan_line(robot, "", pose),
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
@@ -148,7 +148,7 @@ RECORDS_ONLY = re.compile(r"(is_moved|UndoStack\.\w+|Attach) ")
 
 def added(robot: Robot, add: Callable[[Simulation], Robot]) -> list[float]:
     """Where the base of a robot is that is added to a copy of the world, without the robot that is there."""
-    with robot.session.imagine(threaded=False) as copy:  # type: ignore[attr-defined]
+    with robot.session.fork(threaded=False) as copy:  # type: ignore[attr-defined]
         return add(copy).link_pose(robot.model.base.link).round(9).tolist()  # type: ignore[no-any-return]
 
 
@@ -271,7 +271,7 @@ PLAN_CALLS: Mapping[str, Callable[[Simulation, Any], object]] = {
     "PlanRunner.__init__ plan": lambda sim, plan: PlanRunner(sim, plan, seed=3).run(sim, 0).end_poses,
     "act plan": lambda sim, plan: act(sim, plan).end_poses,
     "dump_plan plan": lambda _, plan: dump_plan(plan),
-    "imagine plan": lambda sim, plan: imagine(sim, plan, samples=2).to_json(),
+    "evaluate_plan plan": lambda sim, plan: evaluate_plan(sim, plan, samples=2).to_json(),
     "is_uncertain plan": lambda _, plan: is_uncertain(plan),
     "load_plan source": lambda _, plan: load_plan(plan).plan,
     "run_plan plan": lambda sim, plan: run_plan(sim, plan, seed=3).end_poses,

@@ -71,12 +71,12 @@ UNRANGED_FUNCTIONS: Mapping[str, str] = {
     "Gate.admit": "times of a clock",
     "Gate.request_denial": "times of a clock",
     "Gate.socket_denial": "times of a clock",
-    "InProcessExecutor.run": "called by `imagine`, whose arguments are checked",
+    "InProcessExecutor.run": "called by `evaluate_plan`, whose arguments are checked",
     "Limit.check": "the check itself, which names the limit",
     "MotionGoal.end": "called by controllers, with errors that they measure",
     "MujocoEngine.step_for wall_s": "may be infinite",
     "PlanBuilder.perform args": "arguments of a skill, which checks them",
-    "WorkerPoolExecutor.run": "called by `imagine`, whose arguments are checked",
+    "WorkerPoolExecutor.run": "called by `evaluate_plan`, whose arguments are checked",
     "ground_last": "arithmetic of an engine",
     "whole_steps": "arithmetic of an engine",
 }
@@ -285,7 +285,7 @@ def refusal(function: Any, /, *args: Any, **kwargs: Any) -> str:
 
 def test_the_inventory_has_what_users_call() -> None:
     places = {each.place for each in declared_functions()}
-    assert {"Simulation.step", "SimulationJoint.open", "Robot.drive", "imagine", "Episode.state_at"} <= places
+    assert {"Simulation.step", "SimulationJoint.open", "Robot.drive", "evaluate_plan", "Episode.state_at"} <= places
     assert {"NullEngine.step", "MujocoEngine.step", "MindstageRemoteEngine.step", "UnrealEngine.step"} <= places
     assert {"Marker", "Push", "Uncertainty", "PublishRates", "Actuator"} <= {cls.__name__ for cls in input_records()}
 

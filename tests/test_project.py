@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import pytest
 
+from mindstage import errors
 from mindstage.registry import Group, extensions
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -452,3 +453,104 @@ def test_no_package_index_is_named() -> None:
     documents = [*ROOT.glob("*.*"), *ROOT.glob("docs/**/*.md"), *ROOT.glob(".github/**/*")]
     texts = [*documents, *ROOT.glob("requirements/*"), *EVERYTHING, ROOT / "Makefile"]
     assert not [shown(path) for path in texts if path.is_file() and hosts.search(path.read_text(encoding="utf-8"))]
+
+
+# -- one vocabulary ----------------------------------------------------------------------------------------------------
+
+OLD_WORDS = frozenset(
+    [
+        "apart",
+        "centre",
+        "colour",
+        "did",
+        "forms",
+        "glow",
+        "glows",
+        "holder",
+        "lit",
+        "not_lit",
+        "plain_boxes",
+        "plain_shapes",
+        "said",
+        "solids",
+        "stance",
+        "sunk",
+        "told_by",
+        "untold",
+        "urdf_files",
+        "viewport",
+    ]
+)
+"""Words that have better ones: see `docs/migration.md`."""
+
+
+def old_words(name: str) -> set[str]:
+    """The old words in a name: the whole name, or a part of it between underscores or hyphens."""
+    return {name, *re.split(r"[_-]", name)} & OLD_WORDS
+
+
+def names_of_fields(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """The fields of classes that are sent or stored, and renaming tables, which would give them other names in JSON."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            yield from ((each.arg or "", node.lineno) for each in node.keywords if each.arg == "rename")
+            for field in node.body:
+                if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                    yield field.target.id, field.lineno
+
+
+def names_of_options(tree: ast.Module) -> Iterator[tuple[str, int]]:
+    """The options of the command line."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and re.match(r"(?: /)?--[a-z]", node.value):
+            yield from ((option, node.lineno) for option in re.findall(r"--([a-z-]+)", node.value.partition(" is ")[0]))
+
+
+def vocabulary_problems(path: Path) -> Iterator[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    names = [*names_of_fields(tree), *(names_of_options(tree) if path.parent.name == "cli" else ())]
+    for name, line in names:
+        if name == "rename":
+            yield f"line {line}: a field has the same name in Python and JSON; give it that name"
+        for word in sorted(old_words(name)):
+            yield f"line {line}: {name} has the old word {word}"
+
+
+def test_fields_and_options_have_the_words_of_the_vocabulary() -> None:
+    assert problems(SOURCES, vocabulary_problems) == []
+
+
+def test_the_code_of_an_error_is_the_name_of_its_class() -> None:
+    classes = [
+        each for each in vars(errors).values() if inspect.isclass(each) and issubclass(each, errors.MindstageError)
+    ]
+    assert len(classes) > 60
+    for cls in classes:
+        assert "code" not in vars(cls) or cls is errors.MindstageError, cls
+        assert cls.__new__(cls).code == cls.__name__
+
+
+def test_fields_of_our_own_messages_have_the_words_of_the_vocabulary() -> None:
+    definitions = (PACKAGE / "msgs" / "definitions" / "mindstage_msgs").rglob("*.*")
+    fields = [
+        f"{path.name}: {found[1]}"
+        for path in definitions
+        for found in re.finditer(r"^[\w/]+(?:\[\])?\s+(\w+)", path.read_text(encoding="utf-8"), re.M)
+        if path.suffix in {".msg", ".srv", ".action"} and old_words(found[1])
+    ]
+    assert fields == []
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("class A:\n    colour: int", "colour has the old word colour"),
+        ("class A:\n    with_viewport: bool", "with_viewport has the old word viewport"),
+        ("class A(B, rename={'a': 'b'}):\n    a: int", "the same name in Python and JSON"),
+        ("class A:\n    color: int", ""),
+    ],
+)
+def test_old_words_in_names_are_noticed(text: str, expected: str, tmp_path: Path) -> None:
+    (tmp_path / "one.py").write_text(text, encoding="utf-8")
+    assert expected in "".join(vocabulary_problems(tmp_path / "one.py"))
+    assert bool(expected) == bool(list(vocabulary_problems(tmp_path / "one.py")))

@@ -92,7 +92,7 @@ def test_documents_and_examples_use_only_names_that_are_shown(path: Path) -> Non
 
 
 def test_a_hidden_name_is_found() -> None:
-    assert hidden_names("from mindstage.scene.model import Pose") == {"mindstage.scene.model.Pose"}
+    assert hidden_names("from mindstage.scene.world_model import Pose") == {"mindstage.scene.world_model.Pose"}
     assert hidden_names("from mindstage.scene import Pose, cross") == {"mindstage.scene.cross"}
     assert hidden_names("import mindstage as ms\nms.saving.save_world(1)\nms.World.x") == {
         "mindstage.saving",

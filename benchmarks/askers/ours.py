@@ -56,7 +56,7 @@ def questions(kb: KnowledgeBase, map: Iri) -> dict[str, tuple[str, dict[str, obj
             {"action": "knowrob:BakingFood", "map": map},
         ),
         "what_is": ("what_is", {"individual": door}),
-        "analyse": ("analyse", {"map": map}),
+        "analyze": ("analyze", {"map": map}),
     }
 
 

@@ -40,9 +40,9 @@ static func world(bodies: Array, joints: Array = [], attachments: Array = []) ->
 		"iri": "http://example.org/maps/scene.owl#scene",
 		"name": "scene",
 		"bodies": bodies,
-		"constraints": joints,
+		"joints": joints,
 		"attachments": attachments,
-		"format_version": 1,
+		"format_version": 2,
 	}
 	return MindstageJsonText.write(data)
 

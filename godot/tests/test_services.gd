@@ -7,7 +7,7 @@ func test_describe_returns_a_unique_session() -> void:
 	var one: Dictionary = (await MindstageServices.new(simulation).respond("describe", {})).values
 	var other: Dictionary = (await MindstageServices.new(simulation).respond("describe", {})).values
 	same(one["engine"], "godot", "engine")
-	same(one["takes"], ["forms", "plan"], "takes")
+	same(one["takes"], ["geometries", "plan"], "takes")
 	check(one["session"] != other["session"] and one["session"].length() == 16, "session")
 	await drop(simulation)
 
@@ -36,7 +36,7 @@ func test_refused_edits_are_successful_calls_with_a_refusal() -> void:
 	]:
 		var answer: MindstageServices.Response = await services.respond(call[0], call[1])
 		same(answer.error, "", call[0])
-		same([answer.values["success"], answer.values["refusal"]["kind"]], [false, "BodyUnknown"], call[0])
+		same([answer.values["success"], answer.values["refusal"]["code"]], [false, "BodyNotFoundError"], call[0])
 	var seen: Dictionary = (
 		(await services.respond("photograph", {"path": "user://x.png", "width": 8, "height": 8})).values
 	)

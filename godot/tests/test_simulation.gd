@@ -6,7 +6,7 @@ func test_a_world_is_returned_with_all_digits() -> void:
 	var simulation: MindstageSimulation = new_simulation()
 	var given: String = (
 		'{"iri":"m","name":"é","bodies":[{"id":"a","iri":"x","cls":"c","facts":[{"o":"1.50"}],'
-		+ '"pose":{"position":[0.10,1e-3,3],"quaternion":[0.999999,0.0,0.0,0.001]},"size":[1,2,3.50]}],"format_version":1}'
+		+ '"pose":{"position":[0.10,1e-3,3],"quaternion":[0.999999,0.0,0.0,0.001]},"size":[1,2,3.50]}],"format_version":2}'
 	)
 	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
 	same(simulation.spawn(given, "", "", result), "", "reason")
@@ -75,7 +75,7 @@ func test_a_soft_limit_is_a_spring() -> void:
 	var simulation: MindstageSimulation = new_simulation()
 	var soft: Dictionary = {"enabled": true, "stiffness": 400.0, "damping": 60.0}
 	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
-	simulation.spawn(MindstageExampleWorlds.drawer({"linear": {"x": 1, "limit": 0.1, "soft": soft}}), "", "", result)
+	simulation.spawn(MindstageExampleWorlds.drawer({"linear": {"x": 1, "limit": 0.1, "soft_limit": soft}}), "", "", result)
 	simulation.apply_force("drawer", MindstageFrames.vector(45.0, 0.0, 0.0), null)
 	await simulation.step(3.0)
 	near(_row(simulation, "drawer")[0], 0.1 + 40.0 / 400.0, 0.02, "beyond its limit by the force over the stiffness")
@@ -154,13 +154,13 @@ func test_unknown_bodies_circles_and_zero_quaternions_are_refused() -> void:
 	var simulation: MindstageSimulation = new_simulation()
 	_spawn(simulation, [_floor(), MindstageExampleWorlds.body("drawer", [0.0, 0.0, 1.0], [1.0, 1.0, 1.0])])
 	var refusal: Dictionary = simulation.delete(["drawr"], "")
-	same(refusal["kind"], "BodyUnknown", "kind")
-	same(refusal["near"], ["drawer"], "near")
-	same(simulation.attach("drawer", "drawer", "")["kind"], "AttachmentRefused", "itself")
+	same(refusal["code"], "BodyNotFoundError", "kind")
+	same(refusal["suggestions"], ["drawer"], "suggestions")
+	same(simulation.attach("drawer", "drawer", "")["kind"], "AttachmentError", "itself")
 	simulation.attach("floor", "drawer", "")
 	check("circle" in simulation.attach("drawer", "floor", "")["reason"], "a circle")
 	var nowhere: Dictionary = {"position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 0.0]}
-	same(simulation.set_pose("drawer", nowhere, "")["kind"], "PoseUnreachable", "no rotation")
+	same(simulation.set_pose("drawer", nowhere, "")["kind"], "PoseUnreachableError", "no rotation")
 	same(simulation.world_model.bodies.size(), 2, "nothing changed")
 	await drop(simulation)
 

@@ -22,7 +22,7 @@ from mindstage.lazy_names import lazy_names, when_imported
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import MujocoEngine, NullEngine
-    from mindstage.imagination import imagine, try_first
+    from mindstage.imagination import evaluate_plan, try_first
     from mindstage.knowledge import KnowledgeBase
     from mindstage.pictures import shot
     from mindstage.rendering import Screenshot
@@ -41,7 +41,7 @@ __all__ = [
     "__version__",
     "connect",
     "diff",
-    "imagine",
+    "evaluate_plan",
     "load",
     "open",
     "save",
@@ -62,7 +62,7 @@ _MODULES = {
     "World": "mindstage.scene",
     "connect": "mindstage.api",
     "diff": "mindstage.api",
-    "imagine": "mindstage.imagination",
+    "evaluate_plan": "mindstage.imagination",
     "load": "mindstage.api",
     "open": "mindstage.api",
     "save": "mindstage.api",

@@ -47,13 +47,13 @@ def open(
     engine: Engine | str = "mujoco",
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
-    robots: StrPath | Iterable[StrPath] = (),
+    urdf: StrPath | Iterable[StrPath] = (),
     xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
     endpoint: SparqlEndpoint | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
-    plain_shapes: bool = False,
+    primitive_shapes: bool = False,
     timeout_s: Timeout = 10.0,
 ) -> Simulation:
     """Opens semantic maps as a simulation: loads a knowledge base, makes an engine and spawns the maps in it.
@@ -69,7 +69,7 @@ def open(
             (`ros://HOST:PORT/NAMESPACE`), or an engine, which the simulation then owns.
         ontologies: further ontology files, or folders of ROS packages in which `package://` URLs are resolved.
         bundled_ontology: whether the bundled household ontology is loaded.
-        robots: robot descriptions (URDF, xacro) that define the links which the maps refer to.
+        urdf: robot descriptions (URDF, xacro) that define the links which the maps refer to.
         xacro: whether the robot descriptions among `maps` and `robots` are expanded if they contain xacro; by default
             those whose name ends in `.xacro`, so False never runs a macro.
         conventions: units, frame and quaternion order of the maps, which are otherwise inferred: one for all maps, or
@@ -77,7 +77,7 @@ def open(
         store: the folder of a persistent knowledge base.
         endpoint: a SPARQL endpoint whose statements are queried together with those of the maps.
         assets: folders of mesh files, in addition to the files that the maps refer to.
-        plain_shapes: whether each body has only the primitive shape of the map (box, sphere, cylinder).
+        primitive_shapes: whether each body has only the primitive shape of the map (box, sphere, cylinder).
         timeout_s: timeout of a call into the simulation [s]; for spawning it grows with the number of bodies.
 
     Raises:
@@ -96,14 +96,14 @@ def open(
             listed,
             ontologies=ontologies,
             bundled_ontology=bundled_ontology,
-            robots=robots,
+            urdf=urdf,
             xacro=xacro,
             conventions=conventions,
             store=store,
             endpoint=endpoint,
         )
         on_error.callback(knowledge.close)
-        sim = make_simulation(knowledge, running, assets=assets, plain_shapes=plain_shapes, timeout_s=timeout_s)
+        sim = make_simulation(knowledge, running, assets=assets, primitive_shapes=primitive_shapes, timeout_s=timeout_s)
         on_error.callback(sim.close)
         sim.on_close(knowledge.close)
         if map_name is not None or (listed and not knowledge.maps()):
@@ -122,7 +122,7 @@ def connect(
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
-    robots: StrPath | Iterable[StrPath] = (),
+    urdf: StrPath | Iterable[StrPath] = (),
     xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     control_time: bool = False,
@@ -138,7 +138,7 @@ def connect(
         maps: the maps of that world, for questions about their individuals; they are loaded, not spawned.
         ontologies: see `open`.
         bundled_ontology: see `open`.
-        robots: see `open`.
+        urdf: see `open`.
         xacro: see `open`.
         conventions: see `open`.
         control_time: whether the remote time advances only by `step` until the connection is closed. By default the
@@ -158,7 +158,7 @@ def connect(
             maps,
             ontologies=ontologies,
             bundled_ontology=bundled_ontology,
-            robots=robots,
+            urdf=urdf,
             xacro=xacro,
             conventions=conventions,
         )
@@ -175,7 +175,7 @@ def load(
     map_name: str | None = None,
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
-    robots: StrPath | Iterable[StrPath] = (),
+    urdf: StrPath | Iterable[StrPath] = (),
     xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> World:
@@ -186,7 +186,7 @@ def load(
         map_name: the IRI or local name of the map; by default the only one.
         ontologies: see `open`.
         bundled_ontology: see `open`.
-        robots: see `open`.
+        urdf: see `open`.
         xacro: see `open`.
         conventions: see `open`.
 
@@ -199,7 +199,7 @@ def load(
         maps,
         ontologies=ontologies,
         bundled_ontology=bundled_ontology,
-        robots=robots,
+        urdf=urdf,
         xacro=xacro,
         conventions=conventions,
     ) as knowledge:
@@ -214,7 +214,7 @@ def save(
     format: str | None = None,
     dialect: FileDialect | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
-    plain_shapes: bool = False,
+    primitive_shapes: bool = False,
     godot: StrPath | None = None,
 ) -> tuple[str, ...]:
     """Writes a world, or the current state of a simulation, to a file.
@@ -228,7 +228,7 @@ def save(
         dialect: the vocabulary of a semantic map: semlog (the default), soma, same (that of the map that was read),
             given (that of the map from which this one was converted).
         assets: folders of mesh files, for MJCF, glTF and Godot scenes.
-        plain_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
+        primitive_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
         godot: path of the Godot executable, for Godot scenes.
 
     Returns:
@@ -251,7 +251,7 @@ def save(
         format=format,
         dialect=dialect,
         assets=assets,
-        plain_shapes=plain_shapes,
+        primitive_shapes=primitive_shapes,
         godot=godot,
     )
 
@@ -262,7 +262,7 @@ def diff(
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
-    robots: StrPath | Iterable[StrPath] = (),
+    urdf: StrPath | Iterable[StrPath] = (),
     xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> WorldDiff:
@@ -273,7 +273,7 @@ def diff(
         b: the same.
         ontologies: for maps given by path; see `open`.
         bundled_ontology: see `open`.
-        robots: see `open`.
+        urdf: see `open`.
         xacro: see `open`.
         conventions: for maps given by path: one for both, or one for `a` and one for `b`.
 
@@ -296,7 +296,7 @@ def diff(
             each,
             ontologies=ontologies,
             bundled_ontology=bundled_ontology,
-            robots=robots,
+            urdf=urdf,
             xacro=xacro,
             conventions=conventions,
         )
@@ -362,7 +362,7 @@ def load_knowledge(
     *,
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
-    robots: StrPath | Iterable[StrPath] = (),
+    urdf: StrPath | Iterable[StrPath] = (),
     xacro: bool | None = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
@@ -375,7 +375,7 @@ def load_knowledge(
         maps: see `open`.
         ontologies: see `open`.
         bundled_ontology: see `open`.
-        robots: see `open`.
+        urdf: see `open`.
         xacro: see `open`.
         conventions: see `open`.
         store: see `open`.
@@ -403,15 +403,15 @@ def load_knowledge(
             knowledge.load(
                 listed,
                 ontologies=ontologies,
-                urdf_files=robots,
+                urdf=urdf,
                 xacro=xacro,
                 conventions=each[0] if each else UnitConventions(),
             )
         else:
             for path, own in zip(listed, each, strict=True):
-                knowledge.load(path, ontologies=ontologies, urdf_files=robots, xacro=xacro, conventions=own)
+                knowledge.load(path, ontologies=ontologies, urdf=urdf, xacro=xacro, conventions=own)
         if closure:
-            knowledge.derive()
+            knowledge.materialize()
     except BaseException:
         knowledge.close()
         raise
@@ -443,7 +443,7 @@ def make_simulation(
     engine: Engine,
     *,
     assets: StrPath | Iterable[StrPath] = (),
-    plain_shapes: bool = False,
+    primitive_shapes: bool = False,
     timeout_s: Timeout = 10.0,
 ) -> Simulation:
     """Creates an empty simulation that owns the engine, with geometry from meshes and from shape rules of classes.
@@ -452,7 +452,7 @@ def make_simulation(
         knowledge: the knowledge base; it is not closed with the simulation.
         engine: the engine; it is closed with the simulation.
         assets: see `open`.
-        plain_shapes: see `open`.
+        primitive_shapes: see `open`.
         timeout_s: see `open`.
 
     Raises:
@@ -461,8 +461,8 @@ def make_simulation(
     from mindstage.saving import mesh_assets
     from mindstage.simulation import Simulation
 
-    if plain_shapes:
-        return Simulation(knowledge, engine, timeout_s=timeout_s, shapes=False)
+    if primitive_shapes:
+        return Simulation(knowledge, engine, timeout_s=timeout_s, primitive_shapes=True)
     meshes = mesh_assets(assets, knowledge)
     knowledge.use_meshes(meshes.bounds)
     return Simulation(knowledge, engine, timeout_s=timeout_s, meshes=meshes)

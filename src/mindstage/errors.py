@@ -77,8 +77,6 @@ def _restore(cls: type[MindstageError], args: tuple[object, ...], state: dict[st
 class MindstageError(Exception):
     """Base class of all errors that Mindstage raises."""
 
-    code: ClassVar[str] = "MindstageError"
-    """A stable name of the class, used in JSON, ROS, Prolog and diagnostics messages; class names may change."""
     template: ClassVar[str] = ""
     """The message, with attribute names in braces. If empty, the message is the argument."""
     suggestions: tuple[str, ...] = ()
@@ -86,10 +84,13 @@ class MindstageError(Exception):
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
-        if "code" not in cls.__dict__:
-            cls.code = cls.__name__
         if get_annotations(cls):
             dataclass(eq=False, repr=False)(cls)
+
+    @property
+    def code(self) -> str:
+        """The name of the class, by which JSON, ROS messages and Prolog name the error."""
+        return type(self).__name__
 
     def __post_init__(self, known: Iterable[str] | None = None) -> None:
         """Makes tuples of all sequences, and finds the known names that resemble the first field."""
@@ -133,7 +134,6 @@ class WorldError(MindstageError):
 class BodyNotFoundError(WorldError):
     """No body in the world has that id."""
 
-    code = "BodyUnknown"
     template = "no body {body!r}{in_world}{hint}"
     body: str
     _: KW_ONLY
@@ -149,7 +149,6 @@ class BodyNotFoundError(WorldError):
 class BodyExistsError(WorldError):
     """The id of a body to be spawned is in use."""
 
-    code = "BodyExists"
     template = "the id {body!r} is taken; delete that body first, or choose another id"
     body: str
 
@@ -157,7 +156,6 @@ class BodyExistsError(WorldError):
 class PoseUnreachableError(WorldError):
     """The joints and attachments of the body do not allow that pose."""
 
-    code = "PoseUnreachable"
     template = "{body!r} cannot take that pose: {reason}"
     body: str
     _: KW_ONLY
@@ -167,7 +165,6 @@ class PoseUnreachableError(WorldError):
 class AttachmentError(WorldError):
     """The child cannot be attached to that parent."""
 
-    code = "AttachmentRefused"
     template = "{child!r} cannot be attached to {parent!r}: {reason}"
     parent: str
     child: str
@@ -195,7 +192,6 @@ class UnreachableError(WorldError):
 class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
-    code = "SpotMissing"
     template = "{item} cannot be placed {location}: {reason}"
     item: str
     location: str
@@ -206,7 +202,6 @@ class NoFreePlacementError(WorldError):
 class SpawnRefusedError(WorldError):
     """A body, joint or attachment of a world cannot be spawned, and nothing of that world was."""
 
-    code = "SpawnRefused"
     template = "{id!r} cannot be spawned: {reason}"
     id: str
     _: KW_ONLY
@@ -216,7 +211,6 @@ class SpawnRefusedError(WorldError):
 class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `redo`, to redo."""
 
-    code = "NothingToUndo"
     template = "there is nothing to {action}"
     _: KW_ONLY
     redo: bool = False
@@ -230,7 +224,6 @@ class NothingToUndoError(WorldError):
 class HistoryChangedError(WorldError):
     """A step of the undo history was chosen, and the history has changed since it was read."""
 
-    code = "HistoryChanged"
     template = "the history has changed in the meantime; look at it and choose the step again"
 
 
@@ -240,7 +233,6 @@ class HistoryChangedError(WorldError):
 class ResourceRefusedError(WorldError):
     """A text from outside names a file that is not granted; whether it exists is not said."""
 
-    code = "ResourceRefused"
     template = "{name!r} is not granted: a text from outside names files by relative paths or package://"
     name: str
 
@@ -252,7 +244,6 @@ class KnowledgeError(MindstageError):
 class SourceParseError(KnowledgeError):
     """A file does not exist, or its content does not follow its format."""
 
-    code = "SourceUnreadable"
     template = "cannot read {place}: {cause}"
     source: str
     _: KW_ONLY
@@ -268,13 +259,10 @@ class SourceParseError(KnowledgeError):
 class XacroRefusedError(SourceParseError):
     """A robot description contains xacro, and nobody has asked for its expansion."""
 
-    code = "XacroRefused"
-
 
 class ReferenceRefusedError(KnowledgeError):
     """A text that came over a port names something that would have to be read for it, such as an import."""
 
-    code = "ReferenceRefused"
     template = "{source} {reference}; what came over a port is read without anything else{hint}"
     source: str
     reference: str
@@ -285,8 +273,6 @@ class ReferenceRefusedError(KnowledgeError):
 
 class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
-
-    code = "MapMissing"
 
     _: KW_ONLY
     requested: str = ""
@@ -302,8 +288,6 @@ class MapNotFoundError(KnowledgeError):
 class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
-    code = "MapAmbiguous"
-
     known: Sequence[str]
 
     def __str__(self) -> str:
@@ -312,8 +296,6 @@ class AmbiguousMapError(KnowledgeError):
 
 class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
-
-    code = "MapRefused"
 
     map: str
     _: KW_ONLY
@@ -328,7 +310,6 @@ class MapRejectedError(KnowledgeError):
 class MapWriteError(KnowledgeError):
     """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
 
-    code = "MapUnwritable"
     template = "cannot write {subject}: {cause}{hint}"
     subject: str
     _: KW_ONLY
@@ -339,7 +320,6 @@ class MapWriteError(KnowledgeError):
 class NameNotFoundError(KnowledgeError):
     """No entity of that kind has the name."""
 
-    code = "NameUnknown"
     template = "no {entity_type} {name!r} is known{hint}"
     name: str
     _: KW_ONLY
@@ -352,8 +332,6 @@ class NameNotFoundError(KnowledgeError):
 
 class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
-
-    code = "NameAmbiguous"
 
     name: str
     _: KW_ONLY
@@ -370,7 +348,6 @@ class AmbiguousNameError(KnowledgeError):
 class QuestionNotFoundError(KnowledgeError):
     """No question has that name."""
 
-    code = "QuestionUnknown"
     template = "no question {question!r}{hint}"
     question: str
     _: KW_ONLY
@@ -384,8 +361,6 @@ class QuestionNotFoundError(KnowledgeError):
 
 class SentenceNotUnderstoodError(KnowledgeError):
     """A plain sentence asks no declared question, or contains a name that is unknown."""
-
-    code = "SentenceNotUnderstood"
 
     sentence: str
     _: KW_ONLY
@@ -409,8 +384,6 @@ class SentenceNotUnderstoodError(KnowledgeError):
 class AmbiguousSentenceError(KnowledgeError):
     """A plain sentence can be understood in several ways."""
 
-    code = "SentenceAmbiguous"
-
     sentence: str
     _: KW_ONLY
     candidates: Sequence[str]
@@ -425,7 +398,6 @@ class AmbiguousSentenceError(KnowledgeError):
 class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
-    code = "QuestionTimedOut"
     template = "{question} was not answered within {timeout_s:g} s; narrow its arguments, or try again later"
     question: str
     _: KW_ONLY
@@ -435,7 +407,6 @@ class QuestionTimeoutError(KnowledgeError):
 class QueryLimitError(KnowledgeError):
     """The limit of concurrent questions is reached."""
 
-    code = "TooManyQuestions"
     template = "{question} was not answered: {pending} other questions are being answered; try again in a moment"
     question: str
     _: KW_ONLY
@@ -445,7 +416,6 @@ class QueryLimitError(KnowledgeError):
 class QuestionProcessError(KnowledgeError):
     """The process that answered a question has ended, for example since it needed too much memory."""
 
-    code = "QuestionProcessEnded"
     template = "{question} was not answered: the process that answered it has ended; another one was started, ask again"
     question: str
 
@@ -453,7 +423,6 @@ class QuestionProcessError(KnowledgeError):
 class InvalidArgumentError(KnowledgeError):
     """A function or question has no such argument or does not accept that value, or an assertion is not valid."""
 
-    code = "ArgumentRefused"
     template = "{subject}: {cause}{hint}"
     subject: str
     _: KW_ONLY
@@ -464,19 +433,14 @@ class InvalidArgumentError(KnowledgeError):
 class NumberRefusedError(InvalidArgumentError, ValueError):
     """A number is not finite, or beyond its declared range; `subject` is the parameter, `cause` the range."""
 
-    code = InvalidArgumentError.code
-
 
 class PoseRefusedError(InvalidArgumentError, ValueError):
     """What was given as a pose is none; `subject` is the parameter, `remedy` what is accepted."""
-
-    code = InvalidArgumentError.code
 
 
 class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
-    code = "QueryRefused"
     template = "the query cannot be answered: {cause}{hint}"
     cause: str
     _: KW_ONLY
@@ -486,7 +450,6 @@ class SparqlSyntaxError(KnowledgeError):
 class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
-    code = "QueryTimedOut"
     template = "the query did not end within {timeout_s:g} s; limit the result (LIMIT), or increase the timeout"
     _: KW_ONLY
     timeout_s: float
@@ -495,7 +458,6 @@ class SparqlTimeoutError(KnowledgeError):
 class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
-    code = "ReasonerUnavailable"
     template = "the closure cannot be derived: {cause}; install it with: pip install 'mindstage[closure]'"
     _: KW_ONLY
     cause: str
@@ -504,7 +466,6 @@ class ReasonerUnavailableError(KnowledgeError):
 class StoreError(KnowledgeError):
     """A store folder has another content or format, or is locked by another process."""
 
-    code = "StoreUnusable"
     template = "the store {folder} cannot be used: {cause}{hint}"
     folder: str
     _: KW_ONLY
@@ -515,7 +476,6 @@ class StoreError(KnowledgeError):
 class EndpointUnreachableError(KnowledgeError):
     """A SPARQL endpoint does not respond, or not in time."""
 
-    code = "EndpointUnreachable"
     template = "the endpoint {endpoint} does not answer: {cause}; check the address, and that the server is running"
     endpoint: str
     _: KW_ONLY
@@ -525,7 +485,6 @@ class EndpointUnreachableError(KnowledgeError):
 class EndpointError(KnowledgeError):
     """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
 
-    code = "EndpointRefused"
     template = "the endpoint {endpoint} returned an error: {cause}{hint}"
     endpoint: str
     _: KW_ONLY
@@ -538,7 +497,6 @@ class EndpointError(KnowledgeError):
 class ShapeNotFoundError(KnowledgeError):
     """No shape has that name."""
 
-    code = "ShapeUnknown"
     template = "no shape {shape!r}{hint}"
     shape: str
     _: KW_ONLY
@@ -553,7 +511,6 @@ class ShapeNotFoundError(KnowledgeError):
 class TextureNotFoundError(KnowledgeError):
     """No texture has that name."""
 
-    code = "TextureUnknown"
     template = "no texture {texture!r}{hint}"
     texture: str
     _: KW_ONLY
@@ -568,7 +525,6 @@ class TextureNotFoundError(KnowledgeError):
 class InvalidShapeError(KnowledgeError):
     """A shape cannot be built: a size or a parameter is invalid."""
 
-    code = "ShapeRefused"
     template = "the shape {shape!r} cannot be made: {reason}"
     shape: str
     _: KW_ONLY
@@ -585,7 +541,6 @@ class EngineError(MindstageError):
 class EngineUnavailableError(EngineError):
     """The engine is not installed or cannot be reached."""
 
-    code = "EngineUnavailable"
     template = "the engine {engine!r} is not available: {cause}{hint}"
     engine: str
     _: KW_ONLY
@@ -596,7 +551,6 @@ class EngineUnavailableError(EngineError):
 class EngineTimeoutError(EngineError):
     """The engine did not reply in time; the command may or may not have been executed."""
 
-    code = "EngineTimedOut"
     template = (
         "the engine {engine!r} did not answer {call} within {timeout_s:g} s; "
         "it may have been executed all the same: check the poses, or increase the timeout"
@@ -610,7 +564,6 @@ class EngineTimeoutError(EngineError):
 class UnsupportedByEngineError(EngineError):
     """The engine does not have the capability."""
 
-    code = "EngineUnable"
     template = "the engine {engine!r} cannot {what}{hint}"
     engine: str
     _: KW_ONLY
@@ -621,7 +574,6 @@ class UnsupportedByEngineError(EngineError):
 class EngineClosedError(EngineError):
     """The engine was called after `close`."""
 
-    code = "EngineClosed"
     template = "the engine {engine!r} is closed; make a new one"
     engine: str
 
@@ -629,7 +581,6 @@ class EngineClosedError(EngineError):
 class EngineMemoryError(EngineError):
     """The bodies or contacts of a world need more memory than the engine may have."""
 
-    code = "EngineMemoryExceeded"
     template = (
         "{what} need {needed_mb:,.1f} MB, more than the {cap_mb:,.1f} MB that the engine may have; simulate fewer"
     )
@@ -644,7 +595,6 @@ class EngineMemoryError(EngineError):
 class SimulationDivergedError(EngineError):
     """The simulation diverged: positions, velocities or accelerations are not finite."""
 
-    code = "SimulationUnstable"
     template = "the simulation became unstable at {time_s:.3f} s: {what}"
     _: KW_ONLY
     time_s: float
@@ -768,8 +718,6 @@ class SkillFailedError(RobotError):
 class SimulationError(MindstageError):
     """The simulation thread could not execute the call."""
 
-    code = "StageError"
-
 
 class SimulationTimeoutError(SimulationError):
     """The thread that owns the engine did not finish the call in time.
@@ -777,7 +725,6 @@ class SimulationTimeoutError(SimulationError):
     A call that has not begun is withdrawn and never executed; one that has begun (`begun`) is not interrupted.
     """
 
-    code = "StageTimedOut"
     template = "{call} did not finish within {timeout_s:g} s{outcome}; the simulation {activity}"
     call: str
     _: KW_ONLY
@@ -808,7 +755,6 @@ class SimulationFaultError(SimulationError):
     and executes nothing; after that the simulation can be used again.
     """
 
-    code = "StageFault"
     template = "{source} raised {cause}; {remedy}"
     source: str
     """What raised, such as "the controller 'arm'"."""
@@ -821,7 +767,6 @@ class SimulationFaultError(SimulationError):
 class SimulationThreadError(SimulationError):
     """The thread that owns the engine has ended, so that no call can be executed anymore."""
 
-    code = "StageEnded"
     template = "{call} was not executed: the thread of the simulation has ended; make a new simulation"
     call: str
 
@@ -836,7 +781,6 @@ class BridgeError(MindstageError):
 class BridgeUnavailableError(BridgeError):
     """The rosbridge server cannot listen at that address."""
 
-    code = "BridgeUnavailable"
     template = "the bridge cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
     host: str
     port: int
@@ -847,7 +791,6 @@ class BridgeUnavailableError(BridgeError):
 class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
-    code = "AccessRefused"
     template = "no access to {address}: {cause}"
     address: str
     _: KW_ONLY
@@ -857,7 +800,6 @@ class AuthenticationError(BridgeError):
 class CertificateError(BridgeError):
     """A file with a certificate, a private key or authorities for TLS cannot be used."""
 
-    code = "CertificateRefused"
     template = "the TLS file {path} cannot be used: {cause}; {remedy}"
     path: str
     _: KW_ONLY
@@ -868,7 +810,6 @@ class CertificateError(BridgeError):
 class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
-    code = "ConnectionLost"
     template = "no connection to {address}: {cause}"
     address: str
     _: KW_ONLY
@@ -878,7 +819,6 @@ class ConnectionLostError(BridgeError):
 class ServiceNotFoundError(BridgeError):
     """No service or action of that name is advertised."""
 
-    code = "ServiceUnknown"
     template = "Service {service} does not exist{hint}"  # rosbridge's wording, which its clients match
     service: str
     _: KW_ONLY
@@ -888,7 +828,6 @@ class ServiceNotFoundError(BridgeError):
 class ServiceTimeoutError(BridgeError):
     """A service or an action did not return in time."""
 
-    code = "ServiceTimedOut"
     template = (
         "{service} did not answer within {timeout_s:g} s; increase the timeout, or check that its server is running"
     )
@@ -900,7 +839,6 @@ class ServiceTimeoutError(BridgeError):
 class ServiceCallError(BridgeError):
     """A service or an action failed for a reason other than the state of the world."""
 
-    code = "ServiceFailed"
     template = "{service} failed: {cause}"
     service: str
     _: KW_ONLY
@@ -910,7 +848,6 @@ class ServiceCallError(BridgeError):
 class FailureResponseError(BridgeError):
     """A service failed, and its type can express that; the handler of a service raises it."""
 
-    code = "CallFailed"
     template = "{cause}"
     cause: str
     _: KW_ONLY
@@ -921,7 +858,6 @@ class FailureResponseError(BridgeError):
 class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
-    code = "OfferRefused"
     template = "{name!r} cannot be advertised: {cause}"
     name: str
     _: KW_ONLY
@@ -931,7 +867,6 @@ class AdvertiseError(BridgeError):
 class MessageValidationError(BridgeError):
     """A message does not match its type."""
 
-    code = "MessageRefused"
     template = "{subject}: {at_path}{cause}{hint}"
     subject: str
     _: KW_ONLY
@@ -953,7 +888,6 @@ class MessageValidationError(BridgeError):
 class TypeNotFoundError(BridgeError):
     """No message, service or action type has that name."""
 
-    code = "TypeUnknown"
     template = "no {interface_type} type {name!r} is known{hint}"
     name: str
     _: KW_ONLY
@@ -967,7 +901,6 @@ class TypeNotFoundError(BridgeError):
 class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
-    code = "ColourUnknown"
     template = "no color {color!r}{hint}"
     color: str
     _: KW_ONLY
@@ -986,7 +919,6 @@ class PrologError(MindstageError):
 class PrologUnavailableError(PrologError):
     """SWI-Prolog or pyswip is not installed, or already in use."""
 
-    code = "PrologUnavailable"
     template = "Prolog is not available: {cause}{hint}"
     cause: str
     _: KW_ONLY
@@ -998,7 +930,6 @@ class PrologUnavailableError(PrologError):
 class PrologGoalError(PrologError):
     """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
 
-    code = "GoalRefused"
     template = "the goal {goal!r} cannot be answered: {cause}"
     goal: str
     _: KW_ONLY
@@ -1009,7 +940,6 @@ class PrologGoalError(PrologError):
 class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
-    code = "GoalTimedOut"
     template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or limit the goal"
     goal: str
     _: KW_ONLY
@@ -1019,7 +949,6 @@ class PrologTimeoutError(PrologError):
 class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 
-    code = "ViewportUnavailable"
     template = "the page cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
     host: str
     port: int
@@ -1030,7 +959,6 @@ class ViewerUnavailableError(MindstageError):
 class RendererUnavailableError(MindstageError):
     """A library that a renderer of pictures needs is not installed, or does not work here."""
 
-    code = "RendererUnavailable"
     template = "pictures cannot be rendered with {renderer}: {cause}{hint}"
     renderer: str
     _: KW_ONLY
@@ -1041,7 +969,6 @@ class RendererUnavailableError(MindstageError):
 class CacheError(MindstageError):
     """The cache directory cannot be written."""
 
-    code = "CacheUnavailable"
     template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
     folder: str
     _: KW_ONLY
@@ -1062,7 +989,6 @@ class ExtensionError(MindstageError):
 class RequestLimitError(MindstageError):
     """A request of a client is too large, or one too many."""
 
-    code = "TooMany"
     template = "{subject}: {cause}"
     subject: str
     _: KW_ONLY
@@ -1072,7 +998,6 @@ class RequestLimitError(MindstageError):
 class InvalidRequestError(MindstageError):
     """A request from the page is unknown, or its arguments are invalid."""
 
-    code = "RequestRefused"
     template = "{subject} is not a valid request: {cause}{hint}"
     remedy: ClassVar[str] = "reload the page"
     subject: str

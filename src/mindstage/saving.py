@@ -103,7 +103,7 @@ def save_world(
     format: str | None = None,
     dialect: FileDialect | str | None = None,
     assets: StrPath | Iterable[StrPath] = (),
-    plain_shapes: bool = False,
+    primitive_shapes: bool = False,
     godot: StrPath | None = None,
     actuated: Iterable[ActuatedBodies] = (),
 ) -> tuple[str, ...]:
@@ -116,7 +116,7 @@ def save_world(
         format: by default the format of the suffix.
         dialect: the vocabulary of a semantic map, SemLog by default.
         assets: folders of mesh files, for MJCF, glTF and Godot scenes.
-        plain_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
+        primitive_shapes: whether MJCF, glTF and Godot scenes get only the primitive shape of each body.
         godot: path of the Godot executable, for Godot scenes; by default searched on PATH and in the usual places.
         actuated: its bodies with actuators; MJCF has these, too.
 
@@ -142,7 +142,7 @@ def save_world(
         bodies = tuple(actuated)
 
         def fit() -> GeometryMap:
-            fitted = _fitted(world, used, assets, plain_shapes=plain_shapes, actuated=bodies)
+            fitted = _fitted(world, used, assets, primitive_shapes=primitive_shapes, actuated=bodies)
             notes.extend(note.text for note in fitted.notes)
             return fitted.geometry
 
@@ -213,14 +213,14 @@ def _fitted(
     knowledge: KnowledgeBase,
     assets: StrPath | Iterable[StrPath],
     *,
-    plain_shapes: bool,
+    primitive_shapes: bool,
     actuated: Sequence[ActuatedBodies],
 ) -> FittedGeometry:
     """The geometry that is written: none for plain shapes; that of robots is their own."""
     from mindstage.geometry import FittedGeometry, fit_geometry
     from mindstage.scene import NO_GEOMETRY
 
-    if plain_shapes:
+    if primitive_shapes:
         return FittedGeometry(NO_GEOMETRY)
     fitted = fit_geometry(world, knowledge, meshes=mesh_assets(assets, knowledge))
     own = {id: each for bodies in actuated for id, each in bodies.geometry.items()}

@@ -111,7 +111,7 @@ def test_the_list_has_what_the_servers_say_that_they_have(served: Served, client
     listed = {kind: set(names(served, kind)) for kind in EntryKind}
     assert set(client.call_service("/rosapi/services")["values"]["services"]) <= listed[EntryKind.SERVICE]
     assert {"/mindstage/ask", "/mindstage/query", "/unreal/spawn_entity"} <= listed[EntryKind.SERVICE]
-    assert "/unreal/mindstage/try_plan" in listed[EntryKind.ACTION]
+    assert "/unreal/mindstage/evaluate_plan" in listed[EntryKind.ACTION]
     assert {"/unreal/highlight", "/unreal/markers"} <= listed[EntryKind.TOPIC]
     assert any(name.endswith("follow_joint_trajectory/goal") for name in listed[EntryKind.TOPIC])
     assert {"ask", "ask.prolog", "ask.sparql", "add", "drop", "load", "save", "timeline.seek"} <= listed[
@@ -171,7 +171,7 @@ def test_every_method_of_the_page_refuses_a_request_that_is_too_large(served: Se
     for viewer in (served.viewer, served.replay):
         with connect_page_client(viewer.url, headers=BEARER) as page:
             for name in {each.name for each in viewer.entry_points() if each.kind is EntryKind.METHOD}:
-                with pytest.raises(RequestFailedError, match=r"TooMany.*bytes"):
+                with pytest.raises(RequestFailedError, match=r"RequestLimitError.*bytes"):
                     page.ask(name, padding=PADDING)
 
 
@@ -303,7 +303,7 @@ def test_a_request_of_prolog_without_a_policy_is_found_and_refused(prolog: Path)
 def test_clients_send_requests_of_questions_only(prolog: Path) -> None:
     with Simulation(KnowledgeBase(), NullEngine()) as simulation, PrologConsole(simulation) as console:
         trusted = [each.name for each in console.entry_points() if each.policy and each.policy.cost is Cost.TRUSTED]
-        assert {"add_robot", "perform", "try_plan"} <= set(trusted)
+        assert {"add_robot", "perform", "evaluate_plan"} <= set(trusted)
         with from_outside():
             for name in trusted:
                 (row,) = console.solutions(f"mindstage_questions:python({name}, Reply)")

@@ -250,10 +250,10 @@ def test_maps_and_bodies_from_the_page_name_no_files(simulation: Simulation, pla
         group = json.loads(page.ask("copy", ids=["Mug"]))
         for existing in outside_names(place):
             if not existing.startswith(("link", "package://pkg/link")):
-                with pytest.raises(RequestFailedError, match=r"ResourceRefused.*is not granted"):
+                with pytest.raises(RequestFailedError, match=r"ResourceRefusedError.*is not granted"):
                     page.ask("load", name="x.owl", text=write_map(named(existing, "x")))
                 group["bodies"][0]["mesh"] = existing
-                with pytest.raises(RequestFailedError, match=r"ResourceRefused.*is not granted"):
+                with pytest.raises(RequestFailedError, match=r"ResourceRefusedError.*is not granted"):
                     page.ask("paste", text=json.dumps(group))
     assert simulation.state.ids == before
 

@@ -64,7 +64,7 @@ def test_any_world_survives_a_round_trip_exactly(world: World) -> None:
 
 def test_the_format_version_is_always_written() -> None:
     part = json.loads(world_to_json(kitchenette()))
-    assert part["format_version"] == 1
+    assert part["format_version"] == 2
     assert part["iri"] == kitchenette().iri
 
 
@@ -75,11 +75,11 @@ def test_the_format_version_is_always_written() -> None:
         ("{", "it is not JSON"),
         ("[]", "expected object, got array"),
         ('{"iri": "x"}', "missing required field format_version"),
-        ('{"iri": "x", "format_version": 2}', "this version of Mindstage reads 1"),
-        ('{"format_version": 1}', "missing required field iri"),
-        ('{"iri": "x", "format_version": 1, "boddies": []}', "unknown field boddies"),
-        ('{"iri": "x", "format_version": 1, "name": NaN}', "it is not JSON"),
-        ('{"iri":"x","format_version":1,"facts":' + '[{"property":"p","value":{"type":"anonymous","facts":' * 5000, ""),
+        ('{"iri": "x", "format_version": 1}', "this version of Mindstage reads 2"),
+        ('{"format_version": 2}', "missing required field iri"),
+        ('{"iri": "x", "format_version": 2, "boddies": []}', "unknown field boddies"),
+        ('{"iri": "x", "format_version": 2, "name": NaN}', "it is not JSON"),
+        ('{"iri":"x","format_version":2,"facts":' + '[{"property":"p","value":{"type":"anonymous","facts":' * 5000, ""),
     ],
 )
 def test_invalid_worlds_are_rejected(text: str, cause: str) -> None:
@@ -219,7 +219,7 @@ def test_a_world_error_of_the_simulation_keeps_its_message(error: WorldError) ->
 
 
 def test_a_refusal_of_an_unknown_kind_is_a_world_error() -> None:
-    error = message_to_error(mindstage_msgs.Refusal(kind="GravityOffended", text="not on Sundays"))
+    error = message_to_error(mindstage_msgs.Refusal(code="GravityOffended", text="not on Sundays"))
     assert type(error) is WorldError
     assert str(error) == "not on Sundays"
 
@@ -254,10 +254,10 @@ def test_every_engine_error_can_be_converted() -> None:
         "out of order",
         "out of order\n{",
         "out of order\n[]",
-        'out of order\n{"kind": "EngineClosed"}',
-        'out of order\n{"kind": "os.system", "engine": "x"}',
-        'out of order\n{"kind": "EngineClosed", "engine": {}}',
-        'out of order\n{"kind": "EngineClosed", "engine": "x", "more": 1}',
+        'out of order\n{"code": "EngineClosedError"}',
+        'out of order\n{"code": "os.system", "engine": "x"}',
+        'out of order\n{"code": "EngineClosedError", "engine": {}}',
+        'out of order\n{"code": "EngineClosedError", "engine": "x", "more": 1}',
     ],
 )
 def test_any_other_text_is_an_engine_error_with_that_message(text: str) -> None:

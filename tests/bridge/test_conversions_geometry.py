@@ -76,7 +76,7 @@ CUP, MUG = BodyId("cup"), BodyId("mug")
 def written(**changes: Any) -> str:
     """Returns a geometry as JSON, with changed fields."""
     fields = json.loads(geometry_to_json({CUP: GEOMETRY}))
-    fields["forms"][KEY] |= changes
+    fields["geometries"][KEY] |= changes
     return json.dumps(fields)
 
 
@@ -114,14 +114,20 @@ BOX = {"size": [1.0, 1.0, 1.0]}
 @pytest.mark.parametrize(
     ("changes", "path"),
     [
-        ({"mesh": "../secret.glb"}, f"forms.{KEY}.mesh"),
-        ({"mesh": "fedcba9876543210.glb"}, f"forms.{KEY}.mesh"),
-        ({"solids": [BOX, {"size": [1.0, 0.0, 1.0]}]}, f"forms.{KEY}.solids[1]"),
-        ({"solids": [{"size": [1.0, -1.0, 1.0]}]}, f"forms.{KEY}.solids[0]"),
-        ({"solids": [BOX | {"pose": {"quaternion": [1.0, 1.0, 0.0, 0.0]}}]}, f"forms.{KEY}.solids[0]"),
-        ({"solids": [BOX | {"kind": "hull", "points": [[0, 0, 0]]}]}, f"forms.{KEY}.solids[0]"),
-        ({"solids": [BOX | {"kind": "cloud"}]}, "forms[...].solids[0].kind"),
-        ({"size": [1, 1, 1]}, "forms[...]"),
+        ({"mesh": "../secret.glb"}, f"geometries.{KEY}.mesh"),
+        ({"mesh": "fedcba9876543210.glb"}, f"geometries.{KEY}.mesh"),
+        ({"collision_shapes": [BOX, {"size": [1.0, 0.0, 1.0]}]}, f"geometries.{KEY}.collision_shapes[1]"),
+        ({"collision_shapes": [{"size": [1.0, -1.0, 1.0]}]}, f"geometries.{KEY}.collision_shapes[0]"),
+        (
+            {"collision_shapes": [BOX | {"pose": {"quaternion": [1.0, 1.0, 0.0, 0.0]}}]},
+            f"geometries.{KEY}.collision_shapes[0]",
+        ),
+        (
+            {"collision_shapes": [BOX | {"type": "hull", "points": [[0, 0, 0]]}]},
+            f"geometries.{KEY}.collision_shapes[0]",
+        ),
+        ({"collision_shapes": [BOX | {"type": "cloud"}]}, "geometries[...].collision_shapes[0].type"),
+        ({"size": [1, 1, 1]}, "geometries[...]"),
     ],
 )
 def test_invalid_geometries_are_rejected_with_the_path(changes: dict[str, Any], path: str) -> None:
@@ -132,7 +138,7 @@ def test_invalid_geometries_are_rejected_with_the_path(changes: dict[str, Any], 
 
 def test_an_unknown_geometry_key_is_rejected() -> None:
     with pytest.raises(MessageValidationError, match=r"bodies\.cup.*no geometry has the key"):
-        geometry_from_json('{"bodies": {"cup": "0123456789abcdef"}, "forms": {}}')
+        geometry_from_json('{"bodies": {"cup": "0123456789abcdef"}, "geometries": {}}')
 
 
 def test_a_geometry_that_json_cannot_represent_is_rejected() -> None:
@@ -146,7 +152,7 @@ def test_a_model_delta_leaves_out_defaults() -> None:
         bodies={
             CUP: BodyModelDelta(size=(0.1, 0.1, 0.1), top=MUG, hold=TURNED, mobility=Mobility.DYNAMIC, mass_kg=0.3)
         },
-        apart=((CUP, MUG),),
+        excluded_pairs=((CUP, MUG),),
         joints={BodyId("hinge"): JointModelDelta(parent=CUP, child=MUG), BodyId("slide"): None},
         poses={CUP: TURNED},
     )
@@ -155,7 +161,7 @@ def test_a_model_delta_leaves_out_defaults() -> None:
         "bodies": {
             "cup": {"size": [0.1, 0.1, 0.1], "top": "mug", "hold": turned, "mobility": "dynamic", "mass_kg": 0.3}
         },
-        "apart": [["cup", "mug"]],
+        "excluded_pairs": [["cup", "mug"]],
         "joints": {"hinge": {"parent": "cup", "child": "mug"}, "slide": None},
         "poses": {"cup": turned},
     }
@@ -164,8 +170,8 @@ def test_a_model_delta_leaves_out_defaults() -> None:
 
 def test_golden_geometries_and_model_deltas_are_read_and_written() -> None:
     fields = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
-    golden = fields["a world with forms and a plan"]
-    assert geometry_from_json(golden["forms"])[BodyId("drawer")].shape_name == "drawer"
+    golden = fields["a world with geometries and a plan"]
+    assert geometry_from_json(golden["geometries"])[BodyId("drawer")].shape_name == "drawer"
     for text in (golden["plan"], fields["a handle on a drawer, as it was decided"]["plan"]):
         change = from_json(text, PhysicsModelDelta)
         assert change.bodies

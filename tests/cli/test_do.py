@@ -55,7 +55,7 @@ def fake_skills() -> Iterator[None]:
 
 
 def test_a_robot_drives_to_a_place_and_says_where_it_stands(run: Run, write_map: WriteMap) -> None:
-    result = run("do", "go_to x=0.5 y=-0.5 yaw=1.0", write_map(), "--at", "0,0")
+    result = run("do", "go_to x=0.5 y=-0.5 yaw=1.0", write_map(), "--pose", "0,0")
     assert result.exit_code == 0, result.stderr
     lines = result.stdout.splitlines()
     assert lines[0] == "mobile_manipulator stands at (0.00, 0.00), facing 0°"
@@ -160,7 +160,7 @@ def test_an_episode_and_the_world_afterwards_are_written(run: Run, write_map: Wr
         (("do", "fly Mug1", "MAP"), "there is no skill 'fly'"),
         (("do", "pick", "MAP"), "thing is missing"),
         (("do", "pick Nonsense", "MAP"), "Nonsense"),
-        (("do", "pick Mug1", "MAP", "--at", "here"), "give X,Y or X,Y,YAW"),
+        (("do", "pick Mug1", "MAP", "--pose", "here"), "give X,Y or X,Y,YAW"),
         (("do", "pick Mug1", "MAP", "--robot", "r2d2"), "no robot 'r2d2'"),
         (("do", "{", "MAP"), "neither JSON nor YAML"),
         (("do", '{"an": "action", "type": "flying"}', "MAP"), "'flying' is unknown"),
@@ -180,7 +180,7 @@ def test_what_cannot_be_done_exits_with_2_and_the_cause(
 @pytest.fixture
 def address() -> Iterator[str]:
     """The address of a playing simulation with a robot."""
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as simulation:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1))))
         add_robot(simulation, "mobile_manipulator")
         with LocalNode() as node, RosInterface(simulation, node), RosbridgeServer(node, port=0) as server:

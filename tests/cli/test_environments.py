@@ -288,7 +288,7 @@ def test_sigterm_is_not_lost_where_its_exception_is_swallowed(tmp_path: Path, sw
         f"{swallowed}\ntime.sleep(60)\n"
     )
     (tmp_path / "plan.yaml").write_text("steps: []\n")
-    done = run("imagine", tmp_path / "plan.yaml", "bundled:kitchen", environment={"PYTHONPATH": _with_path(tmp_path)})
+    done = run("evaluate", tmp_path / "plan.yaml", "bundled:kitchen", environment={"PYTHONPATH": _with_path(tmp_path)})
     assert done.returncode == 143
     assert b"bug" not in done.stderr
 
@@ -301,13 +301,13 @@ def _with_path(folder: Path) -> str:
 
 
 @pytest.mark.parametrize(
-    "verb", ["spawn MAP --port PORT --for 1", "serve MAP --port PORT --for 1", "serve MAP --port 0 --page-port PORT"]
+    "verb", ["spawn MAP --port PORT --for 1", "serve MAP --port PORT --for 1", "serve MAP --port 0 --viewer-port PORT"]
 )
 def test_a_port_that_was_given_and_is_taken_is_an_error(write_map: WriteMap, verb: str) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         words = verb.replace("MAP", str(write_map())).replace("PORT", port).split()
-        done = run(*words, "--engine", "null", *(["--viewport"] if "--page-port" in words else []))
+        done = run(*words, "--engine", "null", *(["--viewer"] if "--viewer-port" in words else []))
     assert_ok(done, codes=(2,))
     assert f"port {port}: Address already in use" in done.stderr.decode()
     if sys.platform == "linux":

@@ -43,7 +43,7 @@ def test_a_folder_is_not_a_map(run: Run, tmp_path: Path) -> None:
 def test_a_file_that_is_not_xml(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "shopping.owl"
     path.write_text("milk, bread, a sponge", encoding="utf-8")
-    result = run("spawn", path, "--no-viewport")
+    result = run("spawn", path, "--no-viewer")
     assert result.exit_code == 2
     assert "shopping.owl" in error_line(result.stderr)
 
@@ -54,21 +54,21 @@ def test_a_truncated_file(run: Run, write_map: WriteMap) -> None:
     path.write_text(text[: len(text) * 2 // 3], encoding="utf-8")
     result = run("check", path, "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "SourceUnreadable"
+    assert json_output(result)["error"]["code"] == "SourceParseError"
     assert "line" in error_line(result.stderr)
 
 
 def test_a_file_without_a_map(run: Run, write_map: WriteMap) -> None:
     result = run("analyze", write_map(maps=[], mugs={}), "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "MapMissing"
+    assert json_output(result)["error"]["code"] == "MapNotFoundError"
     assert "no semantic map" in error_line(result.stderr)
 
 
 def test_two_maps_without_a_map_name(run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(maps=["Kitchen", "Cellar"]), "--engine", "null", "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "MapAmbiguous"
+    assert json_output(result)["error"]["code"] == "AmbiguousMapError"
     line = error_line(result.stderr)
     assert "Kitchen" in line
     assert "Cellar" in line
@@ -78,7 +78,7 @@ def test_two_maps_without_a_map_name(run: Run, write_map: WriteMap) -> None:
 def test_an_unknown_map_name(run: Run, write_map: WriteMap) -> None:
     result = run("analyze", write_map(), "--map-name", "Attic", "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "MapMissing"
+    assert json_output(result)["error"]["code"] == "MapNotFoundError"
     assert "Room" in error_line(result.stderr)
 
 
@@ -86,7 +86,7 @@ def test_an_unknown_map_name(run: Run, write_map: WriteMap) -> None:
 def test_an_unknown_engine(engine: str, run: Run, write_map: WriteMap) -> None:
     result = run("check", write_map(), "--engine", engine, "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "EngineUnavailable"
+    assert json_output(result)["error"]["code"] == "EngineUnavailableError"
     line = error_line(result.stderr)
     assert engine in line
     assert "mujoco" in line
@@ -162,7 +162,7 @@ def _result_of(raised: BaseException) -> tuple[int, str]:
 
 
 def test_ctrl_c_during_a_simulation(write_map: WriteMap) -> None:
-    command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--no-viewport", "--for", "1e9"]
+    command = [*MINDSTAGE, "spawn", str(write_map()), "--engine", "null", "--no-viewer", "--for", "1e9"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline()  # the report is printed before the simulation starts

@@ -16,29 +16,29 @@ MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
 
 def test_the_json_lists_highlighted_bodies_and_items_without_a_body(run: Run) -> None:
-    command = ("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "red", "--no-viewport", "--json")
+    command = ("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "red", "--no-viewer", "--json")
     result = run(*command)
     assert result.exit_code == 0
     answer = json_output(result)
-    assert (answer["colour"], answer["lit"], answer["not_lit"]) == ("red", ["fridge_door_handle"], [])
+    assert (answer["color"], answer["highlighted"], answer["not_highlighted"]) == ("red", ["fridge_door_handle"], [])
     assert (answer["engine"], answer["spawn"]["ok"]) == ("null", True)
     assert answer["answers"][0]["id"] == "fridge_door_handle"
     answer = json_output(
-        run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "1,0,0", "--no-viewport", "--json")
+        run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "1,0,0", "--no-viewer", "--json")
     )
-    assert (answer["colour"], answer["lit"]) == ("#ff0000", [])
-    assert answer["not_lit"] == [{"id": "Refrigerator", "reason": "it is a class, which has no body"}]
+    assert (answer["color"], answer["highlighted"]) == ("#ff0000", [])
+    assert answer["not_highlighted"] == [{"id": "Refrigerator", "reason": "it is a class, which has no body"}]
 
 
 def test_items_without_a_body_are_printed(run: Run) -> None:
-    result = run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "blue", "--no-viewport")
+    result = run("ask", "storage_place", "CowsMilk", *KITCHEN, "--highlight", "blue", "--no-viewer")
     assert result.exit_code == 0
     assert "Refrigerator" in result.stdout
     assert "not highlighted: Refrigerator: it is a class" in result.stderr
 
 
 def test_the_question_is_about_the_running_simulation(run: Run) -> None:
-    command = ("ask", "where_is", "plate_3", "on", "--map", "bundled:kitchen", "--highlight", "green", "--no-viewport")
+    command = ("ask", "where_is", "plate_3", "on", "--map", "bundled:kitchen", "--highlight", "green", "--no-viewer")
     (answer,) = json_output(run(*command, "--json", "--why"))["answers"]
     assert (answer["id"], answer["source"]) == ("table", "mujoco")
     assert answer["why"][-1] == "as mujoco has it now"
@@ -46,9 +46,9 @@ def test_the_question_is_about_the_running_simulation(run: Run) -> None:
 
 def test_no_color_highlights_nothing(run: Run) -> None:
     answer = json_output(
-        run("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "none", "--no-viewport", "--json")
+        run("ask", "handle_of", "fridge_door", *KITCHEN, "--highlight", "none", "--no-viewer", "--json")
     )
-    assert (answer["colour"], answer["lit"]) == ("none", [])
+    assert (answer["color"], answer["highlighted"]) == ("none", [])
 
 
 def test_without_an_answer_no_page_is_served_and_the_exit_code_is_1(run: Run) -> None:
@@ -56,15 +56,15 @@ def test_without_an_answer_no_page_is_served_and_the_exit_code_is_1(run: Run) ->
     assert result.exit_code == 1
     answer = json_output(result)
     assert answer["missing"]
-    assert answer["lit"] == []
+    assert answer["highlighted"] == []
     assert "url" not in answer
 
 
 def test_of_several_maps_the_one_in_the_arguments_is_spawned(run: Run, write_map: WriteMap) -> None:
     first, second = write_map("a.owl", maps=["A"], mugs={"X": "0 0 0"}), write_map("b.owl", maps=["B"])
-    both = ("--map", first, "--map", second, "--engine", "null", "--highlight", "red", "--no-viewport", "--json")
-    assert json_output(run("ask", "everything_in_map", "map=A", *both))["lit"] == ["X"]
-    assert json_output(run("ask", "everything_in_map", *both, "--map-name", "B"))["lit"] == ["Mug1", "Mug2"]
+    both = ("--map", first, "--map", second, "--engine", "null", "--highlight", "red", "--no-viewer", "--json")
+    assert json_output(run("ask", "everything_in_map", "map=A", *both))["highlighted"] == ["X"]
+    assert json_output(run("ask", "everything_in_map", *both, "--map-name", "B"))["highlighted"] == ["Mug1", "Mug2"]
     result = run("ask", "everything_in_map", *both)
     assert result.exit_code == 2
     assert "with --map-name" in result.stderr
@@ -79,7 +79,7 @@ def test_of_several_maps_the_one_in_the_arguments_is_spawned(run: Run, write_map
         (("--port", "0"), "--port: it requires --highlight; give --highlight COLOR too"),
         (("--engine", "null"), "--engine: it requires --highlight"),
         (("--for", "1"), "--for: it requires --highlight"),
-        (("--no-viewport",), "--no-viewport: it requires --highlight"),
+        (("--no-viewer",), "--no-viewer: it requires --highlight"),
         (("--map-name", "kitchen"), "--map-name: it requires --highlight"),
     ],
 )
@@ -102,7 +102,7 @@ def test_the_page_is_served_for_the_given_duration(write_map: WriteMap) -> None:
     assert result.returncode == 0, result.stderr
     answer = json.loads(result.stdout)
     assert answer["url"].startswith("http://127.0.0.1:")
-    assert answer["lit"] == ["Mug1", "Mug2"]
+    assert answer["highlighted"] == ["Mug1", "Mug2"]
     command = [*MINDSTAGE, "ask", "everything_in_map", *map, "20"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None

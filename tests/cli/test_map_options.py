@@ -73,7 +73,7 @@ def table(tmp_path: Path) -> Path:
     [
         ("analyze",),
         ("validate",),
-        ("spawn", "--no-viewport", "--engine", "null"),
+        ("spawn", "--no-viewer", "--engine", "null"),
         ("ask", "what_is", "table", "--map"),
     ],
 )
@@ -83,7 +83,7 @@ def test_the_order_of_quaternions_can_be_given_to(command: tuple[str, ...], tabl
         assert result.exit_code in (0, 1), result.output
         output = json_output(result)
         output = output["maps"][0] if "maps" in output else output
-        assumed = {each["about"]: each for each in output["assumptions"]}
+        assumed = {each["topic"]: each for each in output["assumptions"]}
         assert assumed["quaternion"]["value"] == order
         assert assumed["quaternion"]["overridden"]
 

@@ -25,7 +25,7 @@ def test_a_public_page_requires_a_token_before_the_map_is_read(run: Run, verb: t
 
 
 def test_a_page_with_a_token_rejects_requests_without_it() -> None:
-    command = [sys.executable, "-m", "mindstage", "spawn", "bundled:kitchen", "--plain-boxes", "--json"]
+    command = [sys.executable, "-m", "mindstage", "spawn", "bundled:kitchen", "--primitive-shapes", "--json"]
     command += ["--host", "0.0.0.0", "--token", "sesame", "--port", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:

@@ -14,7 +14,7 @@ def test_items_are_placed_and_written_to_the_map(run: Run, tmp_path: Path) -> No
     items.write_text(ITEMS, encoding="utf-8")
     result = run("place", "bundled:kitchen", "--with", items, "-o", out, "--json")
     assert result.exit_code == 0, result.stderr
-    holders = {each["id"]: each["holder"] for each in json_output(result)["put"]}
+    holders = {each["id"]: each["support_id"] for each in json_output(result)["placed"]}
     assert holders == {"milk": "fridge", "plates_1": "table", "plates_2": "table", "parcel": "drawer_middle_1"}
     assert json_output(result)["unplaced"] == []
     knowledge = KnowledgeBase()
@@ -37,13 +37,13 @@ def test_unplaced_items_have_a_reason_and_exit_1(run: Run, tmp_path: Path) -> No
         + ":lost a knowrob:DinnerPlate ; ms:putOn 'no_such_table' .\n",
         encoding="utf-8",
     )
-    result = run("place", "bundled:kitchen", "--with", items, "--no-viewport", "--json")
+    result = run("place", "bundled:kitchen", "--with", items, "--no-viewer", "--json")
     assert result.exit_code == 1
     reasons = {each["id"]: each["reason"] for each in json_output(result)["unplaced"]}
     assert "and the clearance is" in reasons["ladder"] or "larger than the support surface" in reasons["ladder"]
     assert "the size of its instances is unknown" in reasons["ghost"]
     assert "no_such_table" in reasons["lost"]
-    assert json_output(result)["put"] == []
+    assert json_output(result)["placed"] == []
 
 
 def test_a_map_without_some_of_the_items_is_named_so(run: Run, tmp_path: Path) -> None:
@@ -73,9 +73,9 @@ def test_an_invalid_list_is_rejected(run: Run, tmp_path: Path) -> None:
 
 def test_items_can_be_given_without_a_file(run: Run) -> None:
     items = ("--with", "CowsMilk", "--with", "DinnerPlate:table")
-    result = run("place", "bundled:kitchen", *items, "--no-viewport", "--json")
+    result = run("place", "bundled:kitchen", *items, "--no-viewer", "--json")
     assert result.exit_code == 0, result.stderr
-    assert [(each["id"], each["holder"]) for each in json_output(result)["put"]] == [
+    assert [(each["id"], each["support_id"]) for each in json_output(result)["placed"]] == [
         ("CowsMilk_1", "fridge"),
         ("DinnerPlate_1", "table"),
     ]

@@ -36,7 +36,7 @@ def test_check_says_that_findings_of_severity_error_are_the_reason(write_map: Wr
     assert line.startswith("Identical at delta 0, but: 1 finding of severity error (Mug2: ")
 
 
-@pytest.mark.parametrize("verb", [("spawn", "--no-viewport"), ("log", "--out", "logged.owl")])
+@pytest.mark.parametrize("verb", [("spawn", "--no-viewer"), ("log", "--out", "logged.owl")])
 def test_spawn_and_log_say_why_they_exit_with_1(
     verb: tuple[str, ...], write_map: WriteMap, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,7 +106,7 @@ def test_like_findings_are_one_line_with_their_number_and_classes(write_map: Wri
 
 def test_json_has_each_finding_with_its_group(write_map: WriteMap, run: Run) -> None:
     findings = json_output(run("validate", write_map(mugs=many_mugs(5)), "--json"))["findings"]
-    commas = [each for each in findings if "decimals have a point" in each["what"]]
+    commas = [each for each in findings if "decimals have a point" in each["problem"]]
     assert len(commas) == 5
     assert len({each["group"] for each in commas}) == 1
     assert len({each["group"] for each in findings}) > 1
@@ -128,8 +128,8 @@ def test_missing_mesh_files_are_one_finding_that_names_the_option(tmp_path: Path
     cups = [body_turtle(f"cup{at}", f'k:pathToCadModel "package://meshes/cup{at % 3}.dae"') for at in range(9)]
     path.write_text(room_map(*cups), encoding="utf-8")
     (found,) = json_output(run("validate", path, "--json"))["findings"]
-    assert found["what"].startswith("3 mesh files are missing, of 9 of 9 bodies, such as package://meshes/cup0.dae")
-    assert "--assets" in found["did"]
+    assert found["problem"].startswith("3 mesh files are missing, of 9 of 9 bodies, such as package://meshes/cup0.dae")
+    assert "--assets" in found["action"]
 
 
 def test_mesh_files_in_the_folder_of_assets_are_not_missing(tmp_path: Path, run: Run) -> None:
@@ -139,21 +139,21 @@ def test_mesh_files_in_the_folder_of_assets_are_not_missing(tmp_path: Path, run:
         (folder / f"cup{at}.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\nf 1 3 4\nf 2 3 4\n")
     cups = [body_turtle(f"cup{at}", f'k:pathToCadModel "package://meshes/cup{at}.dae"') for at in range(3)]
     path.write_text(room_map(*cups), encoding="utf-8")
-    findings = json_output(run("spawn", path, "--no-viewport", "--engine", "null", "--assets", folder, "--json"))
+    findings = json_output(run("spawn", path, "--no-viewer", "--engine", "null", "--assets", folder, "--json"))
     (found,) = findings["findings"]
-    assert found["what"].startswith("1 mesh file is missing, of 1 of 3 bodies, such as package://meshes/cup2.dae")
+    assert found["problem"].startswith("1 mesh file is missing, of 1 of 3 bodies, such as package://meshes/cup2.dae")
 
 
 def test_a_map_of_links_without_a_robot_description_asks_for_it(tmp_path: Path, run: Run) -> None:
     path = tmp_path / "apartment.ttl"
     links = "\n".join(f':shelf{at} a soma:Shelf ; urdf:hasBaseLinkName "shelf_{at}" .' for at in range(30))
     path.write_text(soma_map(links), encoding="utf-8")
-    for verb in (("validate",), ("spawn", "--no-viewport", "--engine", "null"), ("check", "--engine", "null")):
+    for verb in (("validate",), ("spawn", "--no-viewer", "--engine", "null"), ("check", "--engine", "null")):
         result = run(*verb, path, "--json")
         assert result.exit_code == 1
         errors = [each for each in json_output(result)["findings"] if each["severity"] == "error"]
-        assert "30 individuals" in errors[0]["what"]
-        assert "--urdf" in errors[0]["did"]
+        assert "30 individuals" in errors[0]["problem"]
+        assert "--urdf" in errors[0]["action"]
         assert len({each["group"] for each in errors[1:]}) == 1  # each individual without a pose
         assert "--urdf" in last_line(run(*verb, path).stdout) or verb == ("validate",)
 
@@ -164,7 +164,9 @@ def test_a_circle_of_dependencies_is_a_finding(tmp_path: Path, run: Run) -> None
     bodies = [body_turtle(name) for name in ("cup", "jar", "pot", "lid", "top")]
     path.write_text(room_map(*bodies, circle, ":top e:depends-on :cup ."), encoding="utf-8")
     findings = json_output(run("validate", path, "--json"))["findings"]
-    circles = {each["individual"].rpartition("#")[2]: each["what"] for each in findings if "itself" in each["what"]}
+    circles = {
+        each["individual"].rpartition("#")[2]: each["problem"] for each in findings if "itself" in each["problem"]
+    }
     assert circles == {
         "cup": "it depends on itself: cup → jar → pot → cup",
         "lid": "it depends on itself: lid → lid",

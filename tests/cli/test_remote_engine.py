@@ -52,7 +52,7 @@ def test_the_round_trip_of_the_kitchen_is_lossless_and_clears_the_remote_world(r
 
 def test_a_remote_world_is_logged_as_a_map(remote: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     source, out = write_map(), tmp_path / "remote.owl"
-    assert run("spawn", source, "--engine", remote, "--no-viewport").exit_code == 0
+    assert run("spawn", source, "--engine", remote, "--no-viewer").exit_code == 0
     result = run("log", "--engine", remote, "-o", out, "--json")
     assert result.exit_code == 0, result.output
     assert (json_output(result)["bodies"], json_output(result)["engine"]) == (2, remote)
@@ -61,7 +61,7 @@ def test_a_remote_world_is_logged_as_a_map(remote: str, run: Run, write_map: Wri
 
 def test_check_requires_an_empty_remote_world(remote: str, run: Run, write_map: WriteMap) -> None:
     source = write_map()
-    assert run("spawn", source, "--engine", remote, "--no-viewport").exit_code == 0
+    assert run("spawn", source, "--engine", remote, "--no-viewer").exit_code == 0
     result = run("check", source, "--engine", remote)
     assert result.exit_code == 2
     assert "its world is not empty" in result.stderr
@@ -88,7 +88,7 @@ def test_an_unreadable_map_does_not_change_the_remote_world(remote: str, run: Ru
 def test_an_unreachable_engine_is_reported_in_one_line(
     engine: str, message: str, run: Run, write_map: WriteMap
 ) -> None:
-    result = run("spawn", write_map(), "--engine", engine, "--no-viewport")
+    result = run("spawn", write_map(), "--engine", engine, "--no-viewer")
     assert result.exit_code == 2
     assert message in result.stderr
     assert "secret" not in result.output

@@ -28,7 +28,7 @@ def test_a_picture_of_the_kitchen_shows_highlights(run: Run, tmp_path: Path) -> 
     assert result.exit_code == 0, result.output
     answer = json_output(result)
     assert (answer["picture"], answer["size"], answer["samples"]) == (str(picture), [64, 40], 1)
-    assert [group["lit"] for group in answer["highlights"]] == [["fridge"]]
+    assert [group["highlighted"] for group in answer["highlights"]] == [["fridge"]]
     pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)
     assert pixels.shape == (40, 64, 3)
     assert 60 < pixels.mean() < 220

@@ -78,7 +78,7 @@ def test_wrong_times_files_and_options_are_errors_with_their_reason(run: Run, ep
         ([episode, "--at", 9, "-o", tmp_path / "x.owl"], "it lasts from 0 to 2 s"),
         ([tmp_path / "missing.mcap", "-o", tmp_path / "x.owl"], "missing.mcap"),
         ([other, "-o", tmp_path / "x.owl"], "other.mcap"),
-        ([episode, "--no-viewport"], "nothing would be shown"),
+        ([episode, "--no-viewer"], "nothing would be shown"),
         ([episode, episode, "-o", tmp_path / "x.owl"], "give one episode"),
         ([episode, episode, episode], "give one or two"),
         ([episode, "-o", tmp_path / "x.xyz"], "xyz"),
@@ -90,7 +90,7 @@ def test_wrong_times_files_and_options_are_errors_with_their_reason(run: Run, ep
 
 
 def test_it_is_published_to_ros_at_the_speed_of_the_replay(episode: Path) -> None:
-    with replaying(episode, "--no-viewport", "--ros", "--ros-port", 0, "--loop", "--speed", 0.5) as output:
+    with replaying(episode, "--no-viewer", "--ros", "--ros-port", 0, "--loop", "--speed", 0.5) as output:
         clocks: list[Any] = []
         transforms: list[Any] = []
         joints: list[Any] = []
@@ -109,7 +109,7 @@ def test_it_is_published_to_ros_at_the_speed_of_the_replay(episode: Path) -> Non
 
 
 def test_without_a_page_it_exits_at_the_end(run: Run, episode: Path) -> None:
-    result = run("replay", episode, "--no-viewport", "--ros", "--ros-port", 0, "--speed", 20)
+    result = run("replay", episode, "--no-viewer", "--ros", "--ros-port", 0, "--speed", 20)
     assert result.exit_code == 0, result.stderr
     assert "ROS clients connect to ws://127.0.0.1:" in result.stdout
 
@@ -119,7 +119,7 @@ def test_the_page_is_served_and_begins_at_a_time(episode: Path) -> None:
 
     with replaying(episode, episode, "--port", 0, "--paused", "--at", 1.5) as output:
         assert (output["at_s"], output["end_s"]) == (1.5, 2.0)
-        with urlopen(str(output["page"]), timeout=TIMEOUT_S) as page:
+        with urlopen(str(output["viewer"]), timeout=TIMEOUT_S) as page:
             assert b"timeline" in page.read()
 
 

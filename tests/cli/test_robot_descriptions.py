@@ -21,9 +21,9 @@ def kitchen(folder: Path) -> str:
 
 
 def test_a_robot_description_is_spawned_and_checked_like_a_map(run: Run, tmp_path: Path) -> None:
-    spawned = run("spawn", kitchen(tmp_path), "--no-viewport", "--json")
+    spawned = run("spawn", kitchen(tmp_path), "--no-viewer", "--json")
     assert spawned.exit_code == 0
-    assert (json_output(spawned)["spawn"]["bodies"], json_output(spawned)["spawn"]["constraints"]) == (8, 2)
+    assert (json_output(spawned)["spawn"]["bodies"], json_output(spawned)["spawn"]["joints"]) == (8, 2)
     checked = run("check", kitchen(tmp_path), "--json")
     assert (checked.exit_code, json_output(checked)["identical"], json_output(checked)["lost_facts"]) == (0, True, 0)
 
@@ -45,6 +45,6 @@ def test_a_map_takes_poses_from_a_robot_description(run: Run, tmp_path: Path) ->
 def test_an_invalid_robot_description_exits_2(run: Run, tmp_path: Path) -> None:
     map = tmp_path / "linked.ttl"
     map.write_text(LINKED, encoding="utf-8")
-    result = run("spawn", str(map), "--urdf", str(map), "--no-viewport")
+    result = run("spawn", str(map), "--urdf", str(map), "--no-viewer")
     assert result.exit_code == 2
     assert "not well-formed XML" in result.stderr

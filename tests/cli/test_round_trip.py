@@ -23,7 +23,7 @@ def test_the_round_trip_of_the_bundled_kitchen_is_lossless(engine: str, run: Run
     assert output["lost_facts"] == 0
     assert output["engine"] == engine
     assert output["spawn"]["ok"] is True
-    assert output["spawn"]["failed_bodies"] == output["spawn"]["failed_constraints"] == []
+    assert output["spawn"]["failed_bodies"] == output["spawn"]["failed_joints"] == []
     assert {"load", "spawn", "log", "compare"} <= set(output["seconds"])
     assert all(spent > 0.0 for spent in output["seconds"].values())
 
@@ -95,7 +95,7 @@ def test_check_detects_a_lost_statement(run: Run, write_map: WriteMap, monkeypat
     output = json_output(run("check", source, "--engine", "null", "--json"))
     assert output["identical"] is False
     assert output["lost_facts"] == len(output["lost"]) == 1
-    assert "Ontology" in output["lost"][0]["said"]
+    assert "Ontology" in output["lost"][0]["note"]
     result = run("check", source, "--engine", "null")
     assert result.exit_code == 1
     assert "1 statement of the map is lost." in result.stdout

@@ -173,7 +173,7 @@ def test_answers_are_highlighted_in_the_running_simulation(run: Run, kitchen: Si
     (group,) = kitchen.state.highlight_groups
     assert group.ids == ("fridge",)
     result = json_output(run(*args, "none", "--json"))
-    assert (result["colour"], result["lit"]) == ("none", [])
+    assert (result["color"], result["highlighted"]) == ("none", [])
     assert kitchen.state.highlight_groups == ()
 
 
@@ -391,7 +391,7 @@ def test_stale_records_are_recognized(empty_cache: Path) -> None:
 def test_a_prolog_toplevel_with_a_page_is_found_until_it_ends(empty_cache: Path) -> None:
     command = [sys.executable, "-m", "mindstage", "prolog", "bundled:kitchen", "--engine", "null"]
     process = subprocess.Popen(
-        [*command, "--viewport", "--port", "0"],
+        [*command, "--viewer", "--port", "0"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -22,14 +22,14 @@ def test_a_picture_shows_highlighted_answers(run: Run, write_map: WriteMap, tmp_
         "Y",
         "--color",
         "#00ff00",
-        "--colour",
+        "--color",
         "red",
     )
     result = run(*command, "--engine", "null", "--json")
     assert result.exit_code == 0, result.output
     answer = json_output(result)
     assert (answer["picture"], answer["size"], answer["spawn"]["ok"]) == (str(picture), [240, 160], True)
-    assert [group["lit"] for group in answer["highlights"]] == [["X", "Y"], ["Y"]]
+    assert [group["highlighted"] for group in answer["highlights"]] == [["X", "Y"], ["Y"]]
     image = Image.open(picture)
     assert image.format == {"png": "PNG", "jpg": "JPEG", "webp": "WEBP"}[suffix]
     pixels = np.asarray(image.convert("RGB")).astype(int)

@@ -19,42 +19,42 @@ MINDSTAGE = [sys.executable, "-m", "mindstage"]
 
 
 def test_spawning_the_kitchen_prints_a_report(run: Run) -> None:
-    result = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--for", "0.1", "--json")
+    result = run("spawn", BUNDLED_KITCHEN, "--no-viewer", "--for", "0.1", "--json")
     assert result.exit_code == 0
     report = json_output(result)
     assert report["engine"] == "mujoco"
     assert report["spawn"]["ok"] is True
     assert report["spawn"]["bodies"] >= 120
-    assert report["spawn"]["constraints"] >= 20
+    assert report["spawn"]["joints"] >= 20
     assert report["simulated_s"] == 0.1
     assert report["real_time_factor"] > 0.0
 
 
 def test_verbose_lists_each_assumption(run: Run) -> None:
-    short = run("spawn", BUNDLED_KITCHEN, "--no-viewport")
-    long = run("spawn", BUNDLED_KITCHEN, "--no-viewport", "--verbose")
+    short = run("spawn", BUNDLED_KITCHEN, "--no-viewer")
+    long = run("spawn", BUNDLED_KITCHEN, "--no-viewer", "--verbose")
     assert "--verbose" in short.stdout
     assert len(long.stdout.splitlines()) > len(short.stdout.splitlines())
 
 
 def test_the_simulated_time_is_printed(run: Run, write_map: WriteMap) -> None:
-    result = run("spawn", write_map(), "--no-viewport", "--engine", "null", "--for", "2")
+    result = run("spawn", write_map(), "--no-viewer", "--engine", "null", "--for", "2")
     assert "2 s simulated" in result.stdout
     assert "times real time" in result.stdout
 
 
 def test_an_individual_without_a_pose_is_skipped_with_a_finding(run: Run, write_map: WriteMap) -> None:
-    result = run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--engine", "null")
+    result = run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewer", "--engine", "null")
     assert result.exit_code == 1
     assert "Lost" in result.stderr
     assert "Traceback" not in result.stderr
-    report = json_output(run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewport", "--json"))
+    report = json_output(run("spawn", write_map(mugs={"Here": "1 2 3", "Lost": None}), "--no-viewer", "--json"))
     assert report["spawn"]["bodies"] == 1
     assert "Lost" in str(report["findings"])
 
 
 def test_an_empty_world_is_a_finding(run: Run, write_map: WriteMap) -> None:
-    result = run("spawn", write_map(mugs={}), "--no-viewport", "--engine", "null")
+    result = run("spawn", write_map(mugs={}), "--no-viewer", "--engine", "null")
     assert "the world is empty" in result.stderr
     assert "the world is empty" in str(json_output(run("check", write_map(mugs={}), "--json"))["findings"])
 
@@ -74,7 +74,7 @@ def test_a_failed_body_exits_1(run: Run, write_map: WriteMap, monkeypatch: pytes
             )
 
     monkeypatch.setattr("mindstage.engines.NullEngine", FailingEngine)
-    result = run("spawn", write_map(), "--no-viewport", "--engine", "null")
+    result = run("spawn", write_map(), "--no-viewer", "--engine", "null")
     assert result.exit_code == 1
     assert "Mug1: no room left" in result.stderr
 
@@ -108,7 +108,7 @@ def test_a_body_that_does_not_stay_exits_1_and_is_named(
 ) -> None:
     source = write_map(mugs={"Mug": "0.0 0.0 50.0"})
     source.write_text(source.read_text(encoding="utf-8").replace(">static<", ">dynamic<"), encoding="utf-8")
-    options = {"spawn": ["--no-viewport"], "check": [], "log": ["-o", tmp_path / "out.owl"]}[verb]
+    options = {"spawn": ["--no-viewer"], "check": [], "log": ["-o", tmp_path / "out.owl"]}[verb]
     fallen = run(verb, source, *options, "--no-ground", "--json")
     assert fallen.exit_code == 1
     report = json_output(fallen)["spawn"]

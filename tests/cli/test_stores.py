@@ -77,7 +77,7 @@ def test_a_changed_map_is_loaded_again_with_a_finding(run: Run, tmp_path: Path, 
     write_map(mugs={"Mug1": "1 2 3", "Mug2": "1 2 3"})
     result = run("ask", "maps", "--store", store, "--json")
     assert json_output(result)["answers"][0]["individuals"] == 2
-    assert json_output(result)["findings"][0]["did"] == "it is reloaded"
+    assert json_output(result)["findings"][0]["action"] == "it is reloaded"
     assert not json_output(run("ask", "maps", "--store", store, "--json"))["findings"]
 
 

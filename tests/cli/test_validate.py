@@ -17,8 +17,8 @@ def test_a_map_without_findings_is_clean(run: Run, write_map: WriteMap) -> None:
     assert output["counts"] == {"error": 0, "warning": 0}
     assert output["findings"] == []
     (map,) = output["maps"]
-    assert (map["bodies"], map["constraints"], map["attachments"], map["lights"]) == (2, 0, 0, 0)
-    assert {each["about"]: each["value"] for each in map["assumptions"]} == {
+    assert (map["bodies"], map["joints"], map["attachments"], map["lights"]) == (2, 0, 0, 0)
+    assert {each["topic"]: each["value"] for each in map["assumptions"]} == {
         "units": "m",
         "frame": "ros",
         "quaternion": "wxyz",
@@ -37,7 +37,7 @@ def test_findings_are_listed_and_exit_1(run: Run, write_map: WriteMap) -> None:
     assert output["counts"]["error"] == 2
     skipped = {finding["individual"].split("#")[1] for finding in output["findings"] if finding["severity"] == "error"}
     assert skipped == {"Mug1", "Mug3"}
-    assert {"severity", "individual", "property", "what", "did", "group"} == set(output["findings"][0])
+    assert {"severity", "individual", "property", "problem", "action", "group"} == set(output["findings"][0])
 
 
 @pytest.mark.parametrize("content", ["once upon a time", "<rdf:RDF xmlns:rdf='http://x#'>", ""])
@@ -46,7 +46,7 @@ def test_an_unreadable_map_exits_2(content: str, run: Run, tmp_path: Path) -> No
     path.write_text(content, encoding="utf-8")
     result = run("validate", path, "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "SourceUnreadable"
+    assert json_output(result)["error"]["code"] == "SourceParseError"
     assert run("validate", tmp_path / "nowhere.owl").exit_code == 2
 
 
@@ -77,11 +77,11 @@ def test_several_maps_are_validated_together(run: Run, write_map: WriteMap) -> N
 def test_strict_rejects_a_map_with_findings(verb: str, run: Run, write_map: WriteMap, tmp_path: Path) -> None:
     path = write_map(mugs={"Mug1": "1.0 2.0 0.0", "Mug2": None})
     out = tmp_path / "out.owl"
-    more = {"convert": [out], "log": ["-o", out, "--engine", "null"], "spawn": ["--no-viewport", "--engine", "null"]}
+    more = {"convert": [out], "log": ["-o", out, "--engine", "null"], "spawn": ["--no-viewer", "--engine", "null"]}
     result = run(verb, path, *more.get(verb, []), "--strict", "--json")
     assert result.exit_code == 2
     error = json_output(result)["error"]
-    assert error["kind"] == "MapRefused"
+    assert error["code"] == "MapRejectedError"
     assert "1 finding" in error["message"]
     assert "Mug2" in error["message"]
     assert not out.exists()
@@ -120,7 +120,7 @@ def test_invalid_conventions_are_rejected(units: str, message: str, run: Run, wr
 
 @pytest.mark.parametrize("verb", ["spawn", "check"])
 def test_the_extent_and_the_conventions_are_printed(verb: str, run: Run, write_map: WriteMap) -> None:
-    more = ["--no-viewport"] if verb == "spawn" else []
+    more = ["--no-viewer"] if verb == "spawn" else []
     result = run(verb, write_map(), "--engine", "null", *more, "--units", "mm")
     assert "Extent: 0.002 x 0 x 0 m" in result.stdout
     assert "chosen by the user" in result.stdout

@@ -19,7 +19,7 @@ def _verbs(path: Path) -> list[tuple[object, ...]]:
     out = path.parent / "out.owl"
     return [
         ("validate", path),
-        ("spawn", path, "--no-viewport"),
+        ("spawn", path, "--no-viewer"),
         ("check", path),
         ("ask", "storage-place", "CowsMilk", "--map", path),
         ("convert", path, out),
@@ -50,7 +50,7 @@ def test_nothing_runs_on_any_verb(run: Run, tmp_path: Path, kind: str) -> None:
 def test_a_description_is_expanded_by_its_suffix_or_with_the_flag(run: Run, tmp_path: Path) -> None:
     path = tmp_path / "robot.urdf"
     path.write_text(DOUBLED, encoding="utf-8")
-    assert run("spawn", path, "--no-viewport").exit_code == 2
-    assert json_output(run("spawn", path, "--no-viewport", "--json", "--xacro"))["spawn"]["bodies"] == 1
+    assert run("spawn", path, "--no-viewer").exit_code == 2
+    assert json_output(run("spawn", path, "--no-viewer", "--json", "--xacro"))["spawn"]["bodies"] == 1
     named = path.rename(tmp_path / "robot.urdf.xacro")
-    assert json_output(run("spawn", named, "--no-viewport", "--json"))["spawn"]["bodies"] == 1
+    assert json_output(run("spawn", named, "--no-viewer", "--json"))["spawn"]["bodies"] == 1

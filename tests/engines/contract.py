@@ -590,7 +590,7 @@ class PhysicsContract(DescriptionContract):
         table = body("table", (0, 0, 0.35), (1, 1, 0.7))
         spawned = world(FLOOR, table, body("cup", (0.1, 0.2, 0.738), (0.08, 0.08, 0.1), "dynamic", 0.3))
         report = engine.apply(Spawn(spawned)).report
-        assert notes_of(report, SpawnNoteKind.PENETRATION) == [("cup", "table")]
+        assert notes_of(report, SpawnNoteKind.EMBEDDED) == [("cup", "table")]
         assert not notes_of(report, SpawnNoteKind.OVERLAP)
         engine.step(2.0)
         assert np.allclose(current_pose(engine, "cup")[:3], (0.1, 0.2, 0.75), atol=self.rest_tolerance_m)

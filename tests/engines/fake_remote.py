@@ -14,17 +14,26 @@ __all__ = ["DESCRIBE_VALUES", "FakeRemote", "failed", "ok_response"]
 Frames = list[str | bytes]
 Responder = Callable[[dict[str, Any]], Frames]
 
-NO_REFUSAL = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
+NO_REFUSAL = {
+    "code": "",
+    "text": "",
+    "body": "",
+    "parent": "",
+    "child": "",
+    "reason": "",
+    "world": "",
+    "suggestions": [],
+}
 DESCRIBE_VALUES = {
     "engine": "odd",
     "abilities": ["telepathy"],
     "time_s": 1.5,
-    "format_version": 1,
+    "format_version": 2,
     "session": "first",
     "takes": [],
 }
-REPORT = dict.fromkeys(("bodies", "constraints", "attachments"), 0) | {
-    name: [] for name in ("failed_bodies", "failed_constraints", "failed_attachments", "notes")
+REPORT = dict.fromkeys(("bodies", "joints", "attachments"), 0) | {
+    name: [] for name in ("failed_bodies", "failed_joints", "failed_attachments", "notes")
 }
 
 

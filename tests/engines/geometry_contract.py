@@ -197,7 +197,7 @@ class GeometryContract(GeometryDescriptionContract):
                 world(FLOOR, body("crate", (0, 0, 0.15), CRATE), mug), geometry=geometry_map(crate=bin_geometry(CRATE))
             )
         ).report
-        assert ids_of_notes(report, SpawnNoteKind.PENETRATION) == {"mug", "crate"}
+        assert ids_of_notes(report, SpawnNoteKind.EMBEDDED) == {"mug", "crate"}
         assert not ids_of_notes(report, SpawnNoteKind.OVERLAP)
         engine.step(2.0)
         pose = current_pose(engine, "mug")

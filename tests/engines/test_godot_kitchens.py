@@ -17,7 +17,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.maps.io.files import BUNDLED_KITCHEN
 from mindstage.scene import AxisMotion, BodyId, GeometryMap, Joint, World, diff
 from mindstage.scene.edits import Spawn
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_inverse, quat_angle, quat_rotate
 from tests.cli.conftest import run  # noqa: F401 - a fixture
 from tests.cli.runner import Run, json_output
@@ -118,7 +118,7 @@ def test_exporting_a_scene_without_godot_gives_installation_help(
     monkeypatch.setenv("GODOT", str(tmp_path / "nowhere"))
     result = run("convert", BUNDLED_KITCHEN, tmp_path / "kitchen.tscn", "--json")
     assert result.exit_code == 2
-    assert json_output(result)["error"]["kind"] == "EngineUnavailable"
+    assert json_output(result)["error"]["code"] == "EngineUnavailableError"
     assert "install Godot" in json_output(result)["error"]["message"]
     assert not (tmp_path / "kitchen.tscn").exists()
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     build_kinematic_forest,
     joint_coordinates,
     pose_from_joint_coordinates,
 )
-from mindstage.engines.registry import EntityRegistry
 from mindstage.scene import BodyId, SoftLimit
 from tests.engines.scenes import attachment, body, revolute_joint, world
 

@@ -16,7 +16,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, Body, BodyId, BodyPhysics, GeometryMap, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.edits import Spawn
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, pose_array, quat_angle, quat_rotate
 from tests.engines.contract import current_pose
 from tests.engines.test_kitchens import doors_and_drawers, opened

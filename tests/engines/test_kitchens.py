@@ -13,7 +13,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World
 from mindstage.scene.edits import Spawn
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import normalize, quat_angle, quat_conjugate, quat_rotate
 from tests.engines.contract import current_pose
 

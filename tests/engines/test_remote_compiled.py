@@ -29,7 +29,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[ServedSimulation]:
     describe, spawn = EngineServices.describe, EngineServices.spawn_world
 
     def described(self: EngineServices, request: wire.Describe.Request) -> wire.Describe.Response:
-        return msgspec.structs.replace(describe(self, request), takes=("forms", "plan"))
+        return msgspec.structs.replace(describe(self, request), takes=("geometries", "plan"))
 
     def spawned(self: EngineServices, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
         models.append(request.plan)
@@ -107,7 +107,7 @@ def test_the_sent_model_has_roots_and_excluded_pairs(served: ServedSimulation) -
     assert model["bodies"]["handle"]["hold"]["position"] == pytest.approx([0.3, 0, 0])
     assert model["bodies"]["handle"]["mass_kg"] == pytest.approx(0.02 * 0.2 * 0.02 * 200, abs=0.01)
     assert model["bodies"]["drawer"]["mobility"] == "dynamic"
-    assert ["case", "drawer"] in model["apart"]
+    assert ["case", "drawer"] in model["excluded_pairs"]
     joint = model["joints"]["slide"]
     assert (joint["parent"], joint["child"]) == ("drawer", "case")
     assert joint["of_child"]["position"] == pytest.approx([0.3, 0, 0])

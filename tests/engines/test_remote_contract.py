@@ -27,14 +27,14 @@ class TestRemoteEngine(PhysicsContract, ActuatorContract, GeometryContract):
         """Unlike in the contract, the simulation at the other end decides by its own ontology; the report states it."""
         wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
         report = engine.apply(Spawn(world(wall), immovable=frozenset({BodyId("wall")}))).report
-        assert notes_of(report, SpawnNoteKind.NOT_TRANSFERRED) == [("wall",)]
+        assert notes_of(report, SpawnNoteKind.UNSTATED) == [("wall",)]
 
     def test_excluded_pairs_do_not_collide(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, they are not sent, which the report states."""
         pair = (BodyId("box"), BodyId("floor"))
         box = body("box", (0, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)
         report = engine.apply(Spawn(world(FLOOR, box), excluded_pairs=frozenset({pair}))).report
-        assert notes_of(report, SpawnNoteKind.NOT_TRANSFERRED) == [("box", "floor")]
+        assert notes_of(report, SpawnNoteKind.UNSTATED) == [("box", "floor")]
 
     def test_a_body_that_falls_out_of_the_place_is_stopped_and_reported_once(self, engine: RemoteEngine) -> None:
         """Unlike in the contract, the simulation at the other end has a ground, whatever the options are."""

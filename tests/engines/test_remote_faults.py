@@ -301,7 +301,7 @@ def test_a_failure_without_a_reason_is_a_world_error(fake: FakeRemote, fake_engi
     with pytest.raises(WorldError, match="without a reason"):
         fake_engine.clear()
     fake.respond["clear"] = ok_response(
-        success=False, refusal={**NO_REFUSAL, "kind": "GravityOffended", "text": "not on Sundays"}
+        success=False, refusal={**NO_REFUSAL, "code": "GravityOffended", "text": "not on Sundays"}
     )
     with pytest.raises(WorldError, match="not on Sundays"):
         fake_engine.clear()
@@ -312,7 +312,7 @@ def test_unknown_capabilities_are_ignored(fake_engine: RemoteEngine) -> None:
 
 
 def test_another_world_format_is_refused_on_connection(fake: FakeRemote) -> None:
-    fake.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 2})]
+    fake.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 1})]
     with pytest.raises(EngineUnavailableError, match="its world format is 2, and this Mindstage's is 1; use the same"):
         connect(fake.address)
 

@@ -96,7 +96,7 @@ class TestUnrealEngine(DescriptionContract):
     ) -> None:
         """The plugin's protocol has no such joints; the report says that they move independently."""
         report = engine.apply(Spawn(gripper(multiplier))).report
-        assert any("mimic" in note.text for note in report.notes if note.kind is SpawnNoteKind.NOT_TRANSFERRED)
+        assert any("mimic" in note.text for note in report.notes if note.kind is SpawnNoteKind.UNSTATED)
 
     def test_attached_bodies_move_with_their_parent(self, engine: UnrealEngine) -> None:
         engine.apply(Spawn(world(body("table", (1, 2, 3), (1, 1, 0.1)), body("lamp", (1.3, 2, 3.2), (0.1, 0.1, 0.3)))))
@@ -152,9 +152,7 @@ def test_the_thesis_map_is_spawned_completely_and_in_order(
         assert plugin.order[114:136] == joints
         assert sorted(plugin.order[136:]) == sorted(relations)
         assert plugin.calls.count("spawn_semantic_map") == 2
-        not_transferred = {
-            note.text.split(":")[0] for note in report.notes if note.kind is SpawnNoteKind.NOT_TRANSFERRED
-        }
+        not_transferred = {note.text.split(":")[0] for note in report.notes if note.kind is SpawnNoteKind.UNSTATED}
         assert "facts not sent to Unreal" in not_transferred
         assert diff(kitchen, engine.snapshot()).identical(0.0)
 

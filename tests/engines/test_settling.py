@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
 from mindstage.engines.collision_filter import TOUCH_TOLERANCE_M
+from mindstage.engines.environment_bounds import find_ground_height, find_unsupported
 from mindstage.engines.physics_model import PhysicsModelBuilder
-from mindstage.engines.place import find_ground_height, find_unsupported
 from mindstage.scene import Body, BodyId, CollisionShapeType, GeometryMap, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths
 from mindstage.scene.edits import Spawn
@@ -191,7 +191,7 @@ def test_bodies_that_overlap_nothing_are_not_moved(heights: list[float]) -> None
     boxes = [body(f"box{x}", (x, 0, 0.1 + height), (0.2, 0.2, 0.2), "dynamic", 1.0) for x, height in enumerate(heights)]
     report, moved = spawned(world(FLOOR, *boxes))
     assert not moved
-    assert not [note for note in report.notes if note.kind in (SpawnNoteKind.SETTLED, SpawnNoteKind.PENETRATION)]
+    assert not [note for note in report.notes if note.kind in (SpawnNoteKind.SETTLED, SpawnNoteKind.EMBEDDED)]
 
 
 # -- the ground

@@ -20,7 +20,7 @@ from mindstage.engines import make_engine
 from mindstage.engines.base import Contact
 from mindstage.episodes import EpisodeFrame, FrameRecording, Recorder
 from mindstage.episodes.episode import Episode
-from mindstage.episodes.questions import HeldRelation
+from mindstage.episodes.episode_questions import HeldRelation
 from mindstage.errors import EpisodeError, EpisodeTimeError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries.spatial import OpenState

@@ -153,7 +153,7 @@ def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulati
             simulation.highlight("Mug", "green", label="look")
         simulation.step(0.5)
         answers = simulation.ask("where_is", "Mug")
-        with simulation.imagine() as copy:
+        with simulation.fork() as copy:
             copy.run_on_engine(lambda engine: engine.apply(Delete((mug,))), edits=True)
         with pytest.raises(Exception, match="Teapot"):
             simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Teapot"),))), edits=True)

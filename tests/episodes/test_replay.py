@@ -210,7 +210,7 @@ def test_what_falls_continues_to_fall_in_the_live_simulation(replay: EpisodeRepl
 def test_a_copy_of_the_shown_moment_is_simulated_by_mujoco(replay: EpisodeReplay) -> None:
     replay.seek(3.0)
     before = replay.state.poses.copy()
-    with replay.imagine() as copy:
+    with replay.fork() as copy:
         copy.step(1.0)
         assert pose(copy, MUG)[2] < 0.2
     assert np.array_equal(replay.state.poses, before)

@@ -24,7 +24,7 @@ from tests.kitchenette import kitchenette
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield sim
 
@@ -124,7 +124,7 @@ def test_a_skill_is_an_event_with_its_outcome(sim: Simulation, robot: Robot, tmp
 def test_skills_are_asked_for_as_actions(tmp_path: Path) -> None:
     knowledge, path = KnowledgeBase(), tmp_path / "run.mcap"
     knowledge.load(bundled_kitchen())
-    with knowledge, Simulation(knowledge, MujocoEngine(), shapes=False) as sim:
+    with knowledge, Simulation(knowledge, MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn()
         robot = add_robot(sim, "mobile_manipulator", Pose((0.0, -4.0, 0.0)))
         with Recorder(sim, path), robot.performing("pick", {"thing": "milk_carton_1"}) as finish:

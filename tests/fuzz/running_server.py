@@ -31,7 +31,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from mindstage.maps.io.files import bundled_kitchen
-from mindstage.msgs.registry import action_types, message_types, service_types
+from mindstage.msgs.message_registry import action_types, message_types, service_types
 from tests.bridge.test_hostile import random_frame
 from tests.conftest import ROOT
 from tests.maps.corruption import corrupted
@@ -75,7 +75,7 @@ class RunningServer:
         }  # fmt: skip
         environment.pop("MINDSTAGE_CACHE", None)
         command = [sys.executable, "-m", "tests.fuzz.served", str(folder), "serve", "--json", "bundled:kitchen"]
-        command += ["--port", "0", "--viewport", "--page-port", "0", "--robot", "mobile_manipulator"]
+        command += ["--port", "0", "--viewer", "--viewer-port", "0", "--robot", "mobile_manipulator"]
         self._errors = (folder / "errors.txt").open("wb")
         self.process = subprocess.Popen(
             command, cwd=folder / "cwd", env=environment, stdout=subprocess.PIPE, stderr=self._errors, text=True
@@ -86,7 +86,7 @@ class RunningServer:
             lines.append(self.process.stdout.readline())
             assert lines[-1], f"the server has ended: {self.errors()}"
         output = json.loads("".join(lines))
-        self.bridge, self.page = output["url"], output["page"].rstrip("/")
+        self.bridge, self.page = output["url"], output["viewer"].rstrip("/")
         self.running = self.describe()
         self._files = dict(self._watched_files())
 
@@ -136,7 +136,7 @@ class RunningServer:
 
             ask("pause")
             ask("step", duration_s=0.02)
-            ask("add", **{"class": "Cup", "at": [0.0, 0.0, 4.0]})
+            ask("add", cls="Cup", position=[0.0, 0.0, 4.0])
             ask("undo")
             ask("save")
             ask("ask", question="what_is Cup")

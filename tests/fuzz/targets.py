@@ -512,7 +512,7 @@ class RemoteReplies(FuzzTarget):
 
     def process(self, data: bytes) -> None:
         from mindstage.msgs.base import decode
-        from mindstage.msgs.registry import message_types
+        from mindstage.msgs.message_registry import message_types
 
         with suppress(MindstageError):
             self._decoder.decode(data.decode("utf-8", "replace"), 0.0)

@@ -22,7 +22,7 @@ def simulate(
     *parts: Body | Joint | Attachment, geometry: GeometryMap | None = None, engine: Engine | None = None
 ) -> Simulation:
     """A simulation of some boxes, without a thread of its own."""
-    simulation = Simulation(KnowledgeBase(), engine or MujocoEngine(), shapes=False, threaded=False)
+    simulation = Simulation(KnowledgeBase(), engine or MujocoEngine(), primitive_shapes=True, threaded=False)
     simulation.spawn(world(*parts), geometry=geometry or {}, ground=False)
     return simulation
 

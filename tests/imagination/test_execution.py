@@ -134,7 +134,7 @@ class TestSteps:
             assert sim.state.stats is not None
             assert sim.state.stats.awake == 0
             for force_n in (3.0, 10.0):
-                with sim.imagine(threaded=False) as copy:
+                with sim.fork(threaded=False) as copy:
                     result = run_plan(copy, Plan(steps=(Push(thing="Mug", force=(force_n, 0, 0), duration_s=0.2),)))
                 assert EventKind.FELL in {event.kind for event in result.events}
                 assert EventKind.COLLIDED not in {event.kind for event in result.events}

@@ -18,7 +18,7 @@ from mindstage.imagination import (
     PlanBuilder,
     SampleResult,
     Uncertainty,
-    imagine,
+    evaluate_plan,
     load_plan,
     run_plan,
     validate_plan,
@@ -133,7 +133,7 @@ def fake_skills() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def room() -> Iterator[SimulationImage]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as sim:
         sim.spawn(world(FLOOR, CUBE))
         add_robot(sim, "mobile_manipulator")
         sim.step(0.5)
@@ -215,11 +215,11 @@ def test_a_plan_has_time_for_its_skills() -> None:
 def test_a_verdict_states_what_skills_assumed(room: SimulationImage) -> None:
     plan = PlanBuilder().perform("approach", thing="cube").uncertain("cube", position_m=0.01).build()
     with room.restore() as sim:
-        verdict = imagine(sim, plan, samples=2, width=None)
+        verdict = evaluate_plan(sim, plan, samples=2, width=None)
     assert verdict.succeeded == 2
     assert "the way is free" in verdict.assumptions
     with room.restore() as sim:
-        failed = imagine(sim, PlanBuilder().perform("give_up", thing="cube").build())
+        failed = evaluate_plan(sim, PlanBuilder().perform("give_up", thing="cube").build())
     assert failed.outcome is Outcome.FAILED
     assert [(cause.kind, cause.thing) for cause in failed.causes] == [(EventKind.SKILL, "cube")]
     assert '"glued' not in failed.to_json()
@@ -248,7 +248,7 @@ def test_a_plan_that_no_robot_can_follow_is_refused_with_its_line(
 
 
 def test_a_world_without_a_robot_refuses_skills() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as sim:
         sim.spawn(world(FLOOR, CUBE))
         with pytest.raises(PlanError, match="add one with `add_robot`"):
             validate_plan(PlanBuilder().perform("doubt").build(), sim)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.imagination import EventKind, Move, Outcome, Plan, Uncertainty, Wait, imagine
+from mindstage.imagination import EventKind, Move, Outcome, Plan, Uncertainty, Wait, evaluate_plan
 from mindstage.scene import Pose
 from tests.engines.scenes import body
 from tests.imagination.scenes import TABLE_HEIGHT_M, on_table, slope
@@ -27,7 +27,7 @@ def test_a_box_falls_off_an_edge_with_a_probability_of_a_half_when_half_of_it_ov
         for overhang_m in (-0.004, -0.002, 0.002):  # beyond half of the depth
             steps = (Move(thing="box", to=Pose((overhang_m, 0.0, z))), Wait(duration_s=2.0))
             plan = Plan(steps=steps, uncertainty=(Uncertainty(thing="box", position_m=(0.001, 0.0, 0.0)),))
-            verdict = imagine(simulation, plan, samples=10, width=None)
+            verdict = evaluate_plan(simulation, plan, samples=10, width=None)
             assert verdict.unknown == 0
             falls.append(verdict.failed / verdict.samples)
             for result in verdict.results:
@@ -52,7 +52,7 @@ def test_a_box_tips_over_at_the_angle_whose_tangent_is_its_base_by_its_height(
     critical_rad = atan(base_m / height_m)
     for factor, stands in ((0.98, True), (1.02, False)):
         with slope(critical_rad * factor, base_m=base_m, height_m=height_m, friction=5.0) as simulation:
-            verdict = imagine(simulation, Plan(steps=(Wait(duration_s=3.0),)))
+            verdict = evaluate_plan(simulation, Plan(steps=(Wait(duration_s=3.0),)))
             assert bool(verdict) is stands, factor
             if not stands:
                 assert verdict.first_failure is not None
@@ -65,7 +65,7 @@ def test_a_box_slides_at_the_angle_whose_tangent_is_the_friction(friction: float
     for factor, slides in ((0.98, False), (1.02, True)):
         with slope(atan(friction) * factor, base_m=base_m, height_m=0.05, friction=friction) as simulation:
             before = simulation.state.poses[1, :3]
-            verdict = imagine(simulation, Plan(steps=(Wait(duration_s=2.0),), forbid=()))
+            verdict = evaluate_plan(simulation, Plan(steps=(Wait(duration_s=2.0),), forbid=()))
             poses = verdict.end_poses("box")
             moved_m = float(np.linalg.norm(poses[0, :3] - before)) if len(poses) else 0.0
             assert (moved_m > 0.05) is slides, (factor, moved_m)
@@ -77,6 +77,6 @@ def test_a_random_friction_decides_whether_a_box_slides() -> None:
         plan = Plan(
             steps=(Wait(duration_s=1.0),), uncertainty=(Uncertainty(thing="box", friction=0.2, mass=0.3),), forbid=()
         )
-        verdict = imagine(simulation, plan, samples=60, width=None)
+        verdict = evaluate_plan(simulation, plan, samples=60, width=None)
         slid = sum("box" in each.end_poses and each.end_poses["box"].position[0] > 0.05 for each in verdict.results)
         assert 15 < slid < 45

@@ -38,7 +38,7 @@ def sim() -> Iterator[Simulation]:
         box("Obstacle", (1.45, 1.1, 0.5), (0.3, 0.3, 1.0), kg=400.0),
         box("Pillar", (3.5, -1.5, 0.2), (0.1, 0.1, 0.4), kg=1.0),
     )
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.spawn(World(iri=Iri(MAP + "map"), bodies=added))
         before, revision = sim.snapshot(), sim.state.revision
@@ -343,7 +343,7 @@ class Unforkable(MujocoEngine):
     [(Unforkable, "distant cannot be forked"), (NullEngine, "null has no physics")],
 )
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
-    with Simulation(KnowledgeBase(), engine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), engine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()

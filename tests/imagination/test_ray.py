@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from mindstage.errors import ImaginationError
-from mindstage.imagination import Move, Outcome, Plan, Uncertainty, Wait, imagine
+from mindstage.imagination import Move, Outcome, Plan, Uncertainty, Wait, evaluate_plan
 from mindstage.imagination.ray_executor import RayExecutor
 from mindstage.scene import Pose
 from mindstage.simulation import Simulation
@@ -67,10 +67,10 @@ def cluster() -> Iterator[Any]:
 def test_a_cluster_gives_the_verdict_of_this_process_and_loses_nothing_with_a_node(
     sim: Simulation, cluster: Any
 ) -> None:
-    alone = imagine(sim, NEAR_EDGE, samples=200, width=None, seed=3)
+    alone = evaluate_plan(sim, NEAR_EDGE, samples=200, width=None, seed=3)
     with RayExecutor() as executor:
         assert executor.name == "a Ray cluster of 2 cores"
-        few = imagine(sim, NEAR_EDGE, samples=20, width=None, seed=3, workers=executor)
+        few = evaluate_plan(sim, NEAR_EDGE, samples=20, width=None, seed=3, workers=executor)
         assert few.results == alone.results[:20]
         begun = threading.Event()
 
@@ -80,7 +80,7 @@ def test_a_cluster_gives_the_verdict_of_this_process_and_loses_nothing_with_a_no
 
         remover = threading.Thread(target=remove)
         remover.start()
-        verdict = imagine(
+        verdict = evaluate_plan(
             sim,
             NEAR_EDGE,
             samples=200,
@@ -99,7 +99,7 @@ def test_a_cluster_gives_the_verdict_of_this_process_and_loses_nothing_with_a_no
 def test_a_deadline_holds_on_a_cluster(sim: Simulation, cluster: Any) -> None:
     endless = Plan(steps=(Wait(duration_s=3600.0, deadline_s=1e7),), deadline_s=1e7, uncertainty=NEAR_EDGE.uncertainty)
     with RayExecutor() as executor:
-        verdict = imagine(sim, endless, samples=100_000, budget_s=2.0, workers=executor)
+        verdict = evaluate_plan(sim, endless, samples=100_000, budget_s=2.0, workers=executor)
     assert verdict.outcome is Outcome.UNKNOWN
     assert verdict.failed == 0
     assert verdict.samples < 100, "only what was given to the cluster"
@@ -108,7 +108,7 @@ def test_a_deadline_holds_on_a_cluster(sim: Simulation, cluster: Any) -> None:
 def test_errors_of_a_job_are_raised(sim: Simulation, cluster: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mindstage.imagination.ray_executor._VERSION", "9.9.9")
     with RayExecutor() as executor, pytest.raises(ImaginationError, match=r"this machine has 9.9.9"):
-        imagine(sim, NEAR_EDGE, samples=20, workers=executor)
+        evaluate_plan(sim, NEAR_EDGE, samples=20, workers=executor)
 
 
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,7 +174,7 @@ def test_the_shell_uses_a_cluster_that_ray_start_has_started_and_that_demands_a_
                 assert head.poll() is None, (tmp_path / "log").read_text(encoding="utf-8")
                 assert time.monotonic() < deadline
                 time.sleep(0.1)
-            command = ["imagine", str(plan), "bundled:kitchen", "--samples=5", "--json"]
+            command = ["evaluate", str(plan), "bundled:kitchen", "--samples=5", "--json"]
             result = subprocess.run(
                 [sys.executable, "-m", "mindstage", *command, f"--workers=ray://127.0.0.1:{port}"],
                 env=environment,

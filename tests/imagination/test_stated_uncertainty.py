@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mindstage.engines import MujocoEngine
-from mindstage.imagination import Outcome, Plan, Push, Uncertainty, Wait, imagine
+from mindstage.imagination import Outcome, Plan, Push, Uncertainty, Wait, evaluate_plan
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
@@ -36,7 +36,7 @@ def simulate(folder: Path, statements: str) -> Simulation:
     table = body("table", MAP + "Table", -0.5, (1.0, 1.0, 0.7), 0.35, fixed=True)
     edge = body("edge_box", MAP + "Carton", -0.005, (0.1, 0.1, 0.1), 0.75)
     middle = body("middle_box", MAP + "Other", -0.5, (0.1, 0.1, 0.1), 0.75)
-    simulation = Simulation(knowledge, MujocoEngine(), shapes=False, threaded=False)
+    simulation = Simulation(knowledge, MujocoEngine(), primitive_shapes=True, threaded=False)
     simulation.spawn(World(iri=Iri(MAP + "map"), bodies=(table, edge, middle)), ground=True)
     return simulation
 
@@ -48,7 +48,7 @@ def uncertain(tmp_path: Path) -> Iterator[Simulation]:
 
 
 def test_a_stated_deviation_makes_samples_differ_and_is_an_assumption_of_the_verdict(uncertain: Simulation) -> None:
-    verdict = imagine(uncertain, Plan(steps=(Wait(duration_s=1.0),)), samples=60, seed=2, width=None)
+    verdict = evaluate_plan(uncertain, Plan(steps=(Wait(duration_s=1.0),)), samples=60, seed=2, width=None)
     assert verdict.outcome is Outcome.FAILED
     assert verdict.samples == 60
     assert 0.4 < (verdict.probability or 0.0) < 0.8  # 0.6: it falls if it is displaced by a quarter of 0.02 m
@@ -63,7 +63,7 @@ def test_questions_use_it_and_say_so(uncertain: Simulation) -> None:
 
 def test_the_plan_precedes_the_map(uncertain: Simulation) -> None:
     plan = Plan(steps=(Wait(duration_s=0.2),), uncertainty=(Uncertainty(thing="edge_box", position_m=1e-6),))
-    assert imagine(uncertain, plan, samples=20).probability == 1.0
+    assert evaluate_plan(uncertain, plan, samples=20).probability == 1.0
 
 
 def test_a_body_precedes_its_class(tmp_path: Path) -> None:
@@ -79,13 +79,13 @@ def test_a_body_precedes_its_class(tmp_path: Path) -> None:
 def test_a_class_without_bodies_is_not_uncertain(tmp_path: Path) -> None:
     with simulate(tmp_path, ":Fridge a owl:Class ; ms:positionDeviation 0.5 .") as simulation:
         assert stated_uncertainty(simulation).uncertainty == ()
-        assert imagine(simulation, Plan(steps=(Wait(duration_s=0.1),)), samples=9).samples == 1
+        assert evaluate_plan(simulation, Plan(steps=(Wait(duration_s=0.1),)), samples=9).samples == 1
 
 
 @pytest.mark.parametrize("text", ["'far'", "'-0.1'", "'0.1 0.2'", "'nan'", "'inf'", ":Carton"])
 def test_what_is_no_deviation_is_ignored_and_reported(tmp_path: Path, text: str) -> None:
     with simulate(tmp_path, f":edge_box ms:positionDeviation {text} .") as simulation:
-        verdict = imagine(simulation, Plan(steps=(Wait(duration_s=0.1),)), samples=9)
+        verdict = evaluate_plan(simulation, Plan(steps=(Wait(duration_s=0.1),)), samples=9)
     assert verdict.samples == 1
     assert any("positionDeviation of edge_box is ignored" in each for each in verdict.assumptions)
 
@@ -105,5 +105,5 @@ def test_the_covariance_of_the_best_perception_of_knowrob_is_used(tmp_path: Path
 def test_friction_and_mass_vary_how_far_a_push_goes(tmp_path: Path) -> None:
     with simulate(tmp_path, ":middle_box ms:massDeviation 0.3 ; ms:frictionDeviation 0.3 .") as simulation:
         plan = Plan(steps=(Push(thing="middle_box", force=(0.0, 9.0, 0.0), duration_s=0.2), Wait(duration_s=0.5)))
-        verdict = imagine(simulation, plan, samples=12, width=None)
+        verdict = evaluate_plan(simulation, plan, samples=12, width=None)
     assert verdict.end_poses("middle_box")[:, 1].std() > 0.005

@@ -20,7 +20,7 @@ from mindstage.imagination import (
     Uncertainty,
     Wait,
     act,
-    imagine,
+    evaluate_plan,
     try_first,
 )
 from mindstage.knowledge import KnowledgeBase
@@ -114,7 +114,7 @@ def test_a_plan_that_does_not_fit_is_refused_before_it_is_tried(table: Simulatio
 
 
 def test_time_stands_still_during_the_trial_of_a_playing_simulation() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(
             world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), body("box", (0.0, 0.0, 0.05), (0.1, 0.1, 0.1)))
         )
@@ -136,7 +136,7 @@ def test_time_stands_still_during_the_trial_of_a_playing_simulation() -> None:
 
 
 def test_a_stopped_plan_stops_its_robot() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as sim:
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1))))
         robot = add_robot(sim, "mobile_manipulator")
         calls = iter([False] * 6 + [True] * 1000)
@@ -150,13 +150,13 @@ def test_a_stopped_plan_stops_its_robot() -> None:
 
 
 def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         box = body("box", (2.0, 2.0, 0.05), (0.1, 0.1, 0.1), "dynamic", 1.0)
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), box))
         add_robot(sim, "mobile_manipulator")
         plan = PlanBuilder().perform("go_to", x=0.3, y=0.2).perform("park").uncertain("box", mass=0.1).build()
-        here = imagine(sim, plan, samples=2, width=None)
-        there = imagine(sim, plan, samples=2, width=None, workers=2)
+        here = evaluate_plan(sim, plan, samples=2, width=None)
+        there = evaluate_plan(sim, plan, samples=2, width=None, workers=2)
         assert here.succeeded == 2, here
         assert here.results == there.results
         assert [done.skill for done in here.results[0].skills] == ["go_to", "park"]

@@ -30,7 +30,7 @@ from mindstage.imagination import (
     Uncertainty,
     Wait,
     WorkerPoolExecutor,
-    imagine,
+    evaluate_plan,
     wilson_interval,
 )
 from mindstage.imagination.executors import lost_sample
@@ -76,7 +76,7 @@ def test_the_interval_is_that_of_published_tables() -> None:
 
 
 def test_a_verdict_counts_its_samples_and_names_the_first_failure(sim: Simulation) -> None:
-    verdict = imagine(sim, NEAR_EDGE, samples=30, width=None)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=30, width=None)
     assert verdict.outcome is Outcome.FAILED
     assert not verdict
     assert (verdict.samples, verdict.succeeded + verdict.failed, verdict.unknown) == (30, 30, 0)
@@ -97,26 +97,26 @@ def test_a_verdict_counts_its_samples_and_names_the_first_failure(sim: Simulatio
 
 
 def test_the_outcome_follows_from_the_interval_and_the_threshold(sim: Simulation) -> None:
-    p = imagine(sim, NEAR_EDGE, samples=30, width=None).probability or 0.0
+    p = evaluate_plan(sim, NEAR_EDGE, samples=30, width=None).probability or 0.0
     for threshold, outcome in ((0.1, Outcome.SUCCEEDED), (p, Outcome.UNKNOWN), (0.95, Outcome.FAILED)):
-        assert imagine(sim, NEAR_EDGE, samples=30, width=None, threshold=threshold).outcome is outcome
+        assert evaluate_plan(sim, NEAR_EDGE, samples=30, width=None, threshold=threshold).outcome is outcome
 
 
 def test_a_plan_without_uncertainty_is_one_sample_with_a_certain_outcome(sim: Simulation) -> None:
-    verdict = imagine(sim, Plan(steps=(Wait(duration_s=0.5),)), samples=100)
+    verdict = evaluate_plan(sim, Plan(steps=(Wait(duration_s=0.5),)), samples=100)
     assert (verdict.outcome, verdict.probability, verdict.interval) == (Outcome.SUCCEEDED, 1.0, (1.0, 1.0))
     assert verdict.samples == 1
     assert "no uncertainty is stated" in verdict.assumptions[-1]
-    verdict = imagine(sim, Plan(steps=(Move(thing="box", by=(0.8, 0.0, 0.0)), Wait(duration_s=0.5))))
+    verdict = evaluate_plan(sim, Plan(steps=(Move(thing="box", by=(0.8, 0.0, 0.0)), Wait(duration_s=0.5))))
     assert (verdict.outcome, verdict.interval) == (Outcome.FAILED, (0.0, 0.0))
 
 
 def test_it_ends_when_the_interval_is_narrow_enough(sim: Simulation) -> None:
     safe = Plan(steps=(Wait(duration_s=0.1),), uncertainty=(Uncertainty(thing="box", position_m=0.01),))
-    verdict = imagine(sim, safe, samples=1000, width=0.2)
+    verdict = evaluate_plan(sim, safe, samples=1000, width=0.2)
     assert verdict.samples == 20, "the interval of 20 successes of 20 is 0.16 wide, that of 10 of 10 is 0.28"
     assert "narrower" in verdict.stopped
-    assert imagine(sim, safe, samples=20, width=0.2, workers=WorkerPoolStandIn()).samples == 20
+    assert evaluate_plan(sim, safe, samples=20, width=0.2, workers=WorkerPoolStandIn()).samples == 20
 
 
 class WorkerPoolStandIn(InProcessExecutor):
@@ -127,16 +127,16 @@ class WorkerPoolStandIn(InProcessExecutor):
 
 
 def test_the_same_seed_gives_the_same_json_on_one_and_on_two_workers(sim: Simulation, pool: WorkerPoolExecutor) -> None:
-    alone = imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35)
-    assert alone.to_json() == imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35).to_json()
-    assert alone.to_json() == imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=pool).to_json()
-    shuffled = imagine(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=WorkerPoolStandIn())
+    alone = evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35)
+    assert alone.to_json() == evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35).to_json()
+    assert alone.to_json() == evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=pool).to_json()
+    shuffled = evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=WorkerPoolStandIn())
     assert alone.to_json() == shuffled.to_json()
-    assert alone != imagine(sim, NEAR_EDGE, samples=40, seed=8, width=0.35)
+    assert alone != evaluate_plan(sim, NEAR_EDGE, samples=40, seed=8, width=0.35)
 
 
 def test_the_json_has_the_promised_fields(sim: Simulation) -> None:
-    content = json.loads(imagine(sim, NEAR_EDGE, samples=10).to_json())
+    content = json.loads(evaluate_plan(sim, NEAR_EDGE, samples=10).to_json())
     assert set(content) == {
         "outcome", "probability", "interval", "samples", "succeeded", "failed", "unknown", "seed", "threshold",
         "stopped", "why", "first_failure", "causes", "assumptions", "end_positions", "plan",
@@ -154,13 +154,13 @@ def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simul
 
     before, world = bits(sim), sim.snapshot()
     plan = Plan(steps=(Push(thing="box", force=(5.0, 0.0, 0.0), duration_s=0.02),), uncertainty=NEAR_EDGE.uncertainty)
-    assert imagine(sim, plan, samples=1000, width=None, budget_s=300).samples == 1000
+    assert evaluate_plan(sim, plan, samples=1000, width=None, budget_s=300).samples == 1000
     assert bits(sim) == before
     assert diff(world, sim.snapshot()).identical(0.0)
 
 
 def test_a_sample_can_be_replayed_exactly(sim: Simulation) -> None:
-    verdict = imagine(sim, NEAR_EDGE, samples=10)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10)
     sim.undo_stack.delete([BodyId("box")])  # the world of the verdict remains
     replay = verdict.replay()
     assert replay.result == verdict.first_failure
@@ -173,15 +173,15 @@ def test_a_sample_can_be_replayed_exactly(sim: Simulation) -> None:
 def test_a_check_decides_what_the_answer_at_the_end_must_be(sim: Simulation) -> None:
     still = Plan(steps=(Wait(duration_s=0.1),))
     on_table = Check(question="where_is", args={"thing": "box"}, expect={"relation": "on", "other": "table"})
-    assert imagine(sim, still, check=on_table)
-    verdict = imagine(
+    assert evaluate_plan(sim, still, check=on_table)
+    verdict = evaluate_plan(
         sim, still, check=Check(question="where_is", args={"thing": "box"}, expect={"other": "floor", "relation": "on"})
     )
     assert verdict.outcome is Outcome.FAILED
     assert verdict.causes[0].kind is EventKind.CHECK
     assert "where_is" in str(verdict)
     assert verdict.results[0].answers
-    assert not imagine(sim, still, check=Check(question="where_is", args={"thing": "box"}, expect="none"))
+    assert not evaluate_plan(sim, still, check=Check(question="where_is", args={"thing": "box"}, expect="none"))
 
 
 # -- time and losses ---------------------------------------------------------------------------------------------------
@@ -189,7 +189,7 @@ def test_a_check_decides_what_the_answer_at_the_end_must_be(sim: Simulation) -> 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_plan_that_never_ends_ends_at_its_budget(sim: Simulation, pool: WorkerPoolExecutor, workers: int) -> None:
-    verdict = imagine(sim, ENDLESS, samples=100, budget_s=1.5, workers=pool if workers == 2 else 1)
+    verdict = evaluate_plan(sim, ENDLESS, samples=100, budget_s=1.5, workers=pool if workers == 2 else 1)
     assert verdict.outcome is Outcome.UNKNOWN
     assert verdict.probability is None
     assert verdict.failed == 0
@@ -202,7 +202,7 @@ def test_it_can_be_canceled(sim: Simulation, pool: WorkerPoolExecutor, workers: 
     canceled = threading.Event()
     timer = threading.Timer(0.3, canceled.set)
     timer.start()
-    verdict = imagine(sim, ENDLESS, samples=100, workers=pool if workers == 2 else 1, cancel=canceled.is_set)
+    verdict = evaluate_plan(sim, ENDLESS, samples=100, workers=pool if workers == 2 else 1, cancel=canceled.is_set)
     assert verdict.outcome is Outcome.UNKNOWN
     assert verdict.stopped == "canceled"
 
@@ -216,7 +216,7 @@ def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulatio
 
     killer = threading.Thread(target=kill)
     killer.start()
-    verdict = imagine(
+    verdict = evaluate_plan(
         sim, NEAR_EDGE, samples=120, width=None, workers=pool, progress=lambda progress: first_batch.set()
     )
     killer.join(60.0)
@@ -225,7 +225,7 @@ def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulatio
     assert lost.cause is not None
     assert "signal 9" in lost.cause.text
     assert len(pool.process_ids) == 2
-    alone = imagine(sim, NEAR_EDGE, samples=120, width=None)
+    alone = evaluate_plan(sim, NEAR_EDGE, samples=120, width=None)
     assert [each for each in alone.results if each.index != lost.index] == [
         each for each in verdict.results if each is not lost
     ]
@@ -236,7 +236,7 @@ def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulatio
 
 def test_workers_end_with_their_pool_and_with_their_parent(sim: Simulation) -> None:
     with WorkerPoolExecutor(2) as own:
-        imagine(sim, NEAR_EDGE, samples=4, workers=own)
+        evaluate_plan(sim, NEAR_EDGE, samples=4, workers=own)
         processes = own.process_ids
         assert len(processes) == 2
     for process in processes:
@@ -250,7 +250,7 @@ def test_an_error_of_all_samples_is_raised_and_the_pool_remains_usable(
     bad = Job(SimulationImage.capture(sim), Plan(steps=(Move(thing="no", by=(0.0, 0.0, 1.0)),)))
     with pytest.raises(ImaginationError, match="there is no body 'no'"):
         list(pool.run(bad, range(3), deadline_s=time.monotonic() + 60.0))
-    assert imagine(sim, NEAR_EDGE, samples=10, workers=pool).samples == 10
+    assert evaluate_plan(sim, NEAR_EDGE, samples=10, workers=pool).samples == 10
 
 
 def test_unknown_samples_are_never_failed() -> None:
@@ -261,7 +261,7 @@ def test_unknown_samples_are_never_failed() -> None:
 
     with on_table(body("box", (-0.5, 0.0, BOX_Z), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
         safe = Plan(steps=(Wait(duration_s=0.1),), uncertainty=(Uncertainty(thing="box", position_m=0.01),))
-        verdict = imagine(sim, safe, samples=20, width=None, workers=Losing())
+        verdict = evaluate_plan(sim, safe, samples=20, width=None, workers=Losing())
     assert (verdict.succeeded, verdict.failed, verdict.unknown) == (10, 0, 10)
     assert verdict.probability == 1.0
     assert verdict.interval == (wilson_interval(10, 20)[0], 1.0)
@@ -315,7 +315,7 @@ MIXED = (
 
 
 def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: Simulation) -> None:
-    verdict = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
     assert [each.index for each in verdict.results] == list(range(10))
     assert (verdict.samples, verdict.succeeded, verdict.failed, verdict.unknown) == (10, 3, 6, 1)
     assert verdict.probability == pytest.approx(3 / 9)
@@ -343,7 +343,7 @@ def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: 
 
 
 def test_the_json_of_a_verdict_has_its_numbers(sim: Simulation) -> None:
-    verdict = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
     found = json.loads(verdict.to_json())
     for name in ("outcome", "probability", "samples", "succeeded", "failed", "unknown", "seed", "threshold", "stopped"):
         assert found[name] == getattr(verdict, name), name
@@ -374,26 +374,26 @@ def test_the_json_of_a_verdict_has_its_numbers(sim: Simulation) -> None:
 def test_samples_after_the_one_that_decides_do_not_count(sim: Simulation) -> None:
     # Wilson's interval of 30 of 30 is 0.114 wide, that of 40 of 40 is 0.088
     executor = Given(*(sample(index) for index in range(60)))
-    verdict = imagine(sim, NEAR_EDGE, samples=60, width=0.1, workers=executor)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=60, width=0.1, workers=executor)
     assert (verdict.samples, verdict.succeeded) == (40, 40)
     assert verdict.stopped == "the interval is narrower than 0.1"
     assert verdict.outcome is Outcome.SUCCEEDED
     assert len(executor.taken) == 40
     backwards = Given(*(sample(index) for index in range(59, -1, -1)))
-    assert imagine(sim, NEAR_EDGE, samples=60, width=0.1, workers=backwards) == verdict
+    assert evaluate_plan(sim, NEAR_EDGE, samples=60, width=0.1, workers=backwards) == verdict
 
 
 def test_a_trial_without_all_of_its_samples_says_why(sim: Simulation) -> None:
     early = Given(*(sample(index) for index in range(7)))
-    verdict = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=early, budget_s=55.0)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=early, budget_s=55.0)
     assert (verdict.samples, verdict.stopped) == (7, "the budget of 55 s was used up")
-    canceled = imagine(sim, NEAR_EDGE, samples=10, workers=Given(sample(0)), cancel=lambda: True)
+    canceled = evaluate_plan(sim, NEAR_EDGE, samples=10, workers=Given(sample(0)), cancel=lambda: True)
     assert (canceled.samples, canceled.stopped) == (1, "canceled")
-    nothing = imagine(sim, NEAR_EDGE, samples=10, workers=Given())
+    nothing = evaluate_plan(sim, NEAR_EDGE, samples=10, workers=Given())
     assert (nothing.outcome, nothing.probability, nothing.interval) == (Outcome.UNKNOWN, None, (0.0, 1.0))
     assert str(nothing) == "unknown: no sample has a known outcome (the budget of 60 s was used up)"
     interrupted = [lost_sample(index, "stopped", is_interrupted=True) for index in range(10)]
-    ended = imagine(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*interrupted))
+    ended = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*interrupted))
     assert ended.stopped == "the budget of 60 s was used up"
     assert ended.outcome is Outcome.UNKNOWN
 
@@ -401,7 +401,7 @@ def test_a_trial_without_all_of_its_samples_says_why(sim: Simulation) -> None:
 def test_progress_counts_what_has_ended_so_far(sim: Simulation) -> None:
     seen: list[Progress] = []
     results = [sample(index, None if index % 5 else LATE) for index in range(25)]
-    imagine(sim, NEAR_EDGE, samples=25, width=None, workers=Given(*results), progress=seen.append)
+    evaluate_plan(sim, NEAR_EDGE, samples=25, width=None, workers=Given(*results), progress=seen.append)
     assert [(each.done, each.samples, each.succeeded, each.failed) for each in seen] == [
         (10, 25, 8, 2),
         (20, 25, 16, 4),
@@ -430,7 +430,7 @@ def test_what_skills_assumed_is_listed_with_the_number_of_samples(sim: Simulatio
         return sample(index, skills=(skill, skill))
 
     results = (with_skills(0, "rare", "all"), with_skills(1, "all", "often"), with_skills(2, "often", "all"))
-    verdict = imagine(sim, NEAR_EDGE, samples=3, width=None, workers=Given(*results))
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=3, width=None, workers=Given(*results))
     assert verdict.assumptions[-3:] == ("all", "in 2 samples of 3: often", "in 1 sample of 3: rare")
 
 
@@ -461,12 +461,12 @@ def test_bad_input_is_named_before_anything_runs(
     sim: Simulation, plan: Plan | str, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises((PlanError, ImaginationError, NumberRefusedError), match=message):
-        imagine(sim, plan, **options)
+        evaluate_plan(sim, plan, **options)
 
 
 def test_progress_is_reported_after_each_batch(sim: Simulation) -> None:
     seen: list[Progress] = []
-    verdict = ms.imagine(sim, NEAR_EDGE, samples=25, width=None, progress=seen.append)
+    verdict = ms.evaluate_plan(sim, NEAR_EDGE, samples=25, width=None, progress=seen.append)
     assert [each.done for each in seen] == [10, 20, 25]
     assert seen[-1].succeeded == verdict.succeeded
     assert seen[-1].interval == verdict.interval

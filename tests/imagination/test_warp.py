@@ -34,7 +34,7 @@ from mindstage.imagination import (
     SampleResult,
     Uncertainty,
     Wait,
-    imagine,
+    evaluate_plan,
     wilson_interval,
 )
 from mindstage.imagination.verdicts import make_executor
@@ -212,8 +212,8 @@ class TestOutcomes:
                 assert turned < 10.0 * tolerance_m + 0.002, id
 
     def test_the_probability_of_an_uncertain_plan_agrees_and_so_do_the_samples(self, sim: Simulation) -> None:
-        ours = imagine(sim, NEAR_EDGE, samples=48, seed=7, width=None, workers=on_cpu(16))
-        theirs = imagine(sim, NEAR_EDGE, samples=48, seed=7, width=None)
+        ours = evaluate_plan(sim, NEAR_EDGE, samples=48, seed=7, width=None, workers=on_cpu(16))
+        theirs = evaluate_plan(sim, NEAR_EDGE, samples=48, seed=7, width=None)
         assert (ours.unknown, theirs.unknown) == (0, 0)
         assert 5 < theirs.succeeded < 43
         where = "the processor" if DEVICE == "cpu" else warp.get_device(DEVICE).name
@@ -250,9 +250,9 @@ class TestOutcomes:
 
 class TestSamples:
     def test_a_seed_determines_the_verdict_whatever_the_size_of_the_batch(self, sim: Simulation) -> None:
-        first = imagine(sim, NEAR_EDGE, samples=12, seed=1, width=None, workers=on_cpu(12))
-        again = imagine(sim, NEAR_EDGE, samples=12, seed=1, width=None, workers=on_cpu(5))
-        other = imagine(sim, NEAR_EDGE, samples=12, seed=2, width=None, workers=on_cpu(12))
+        first = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=1, width=None, workers=on_cpu(12))
+        again = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=1, width=None, workers=on_cpu(5))
+        other = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=2, width=None, workers=on_cpu(12))
         assert [each.outcome for each in again.results] == [each.outcome for each in first.results]
         assert other.to_json() != first.to_json()
         if DEVICE == "cpu":  # on a GPU, the last digits differ from run to run
@@ -316,7 +316,7 @@ class TestEnd:
     def test_samples_that_do_not_end_in_time_are_unknown(self, sim: Simulation) -> None:
         plan = Plan(steps=(Wait(duration_s=900.0, deadline_s=1000.0),), uncertainty=NEAR_EDGE.uncertainty)
         execute(sim, NEAR_EDGE, on_cpu(4), count=1)  # compiles the kernels
-        verdict = imagine(sim, plan, samples=8, budget_s=0.8, workers=on_cpu(4))
+        verdict = evaluate_plan(sim, plan, samples=8, budget_s=0.8, workers=on_cpu(4))
         assert (verdict.outcome, verdict.succeeded, verdict.failed) == (Outcome.UNKNOWN, 0, 0)
         assert verdict.unknown == verdict.samples == 4
         assert "budget" in verdict.stopped
@@ -324,7 +324,7 @@ class TestEnd:
     def test_a_canceled_trial_ends_at_once(self, sim: Simulation) -> None:
         plan = Plan(steps=(Wait(duration_s=900.0, deadline_s=1000.0),), uncertainty=NEAR_EDGE.uncertainty)
         asked = itertools.count()
-        verdict = imagine(sim, plan, samples=8, workers=on_cpu(4), cancel=lambda: next(asked) >= 20)
+        verdict = evaluate_plan(sim, plan, samples=8, workers=on_cpu(4), cancel=lambda: next(asked) >= 20)
         assert verdict.stopped == "canceled"
 
 
@@ -344,7 +344,7 @@ class TestRefusals:
     ) -> None:
         plan = Plan(steps=(Wait(duration_s=0.1), step))
         with pytest.raises(PlanError, match=message) as caught:
-            imagine(sim, plan, workers=on_cpu(1))
+            evaluate_plan(sim, plan, workers=on_cpu(1))
         assert caught.value.place == "steps[1]"
         assert "in processes (workers=2) or on Ray" in str(caught.value)
 

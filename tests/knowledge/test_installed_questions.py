@@ -115,7 +115,7 @@ def test_a_question_is_found_without_importing_those_of_other_modules() -> None:
 
 def test_the_order_of_imports_does_not_change_the_order_of_questions() -> None:
     code = (
-        "import mindstage.imagination.questions, mindstage.knowledge.queries.visibility\n"
+        "import mindstage.imagination.trial_questions, mindstage.knowledge.queries.visibility\n"
         "from mindstage.knowledge.questions import list_questions\n"
         "print(*(each.name for each in list_questions()))"
     )

@@ -54,7 +54,7 @@ def members_of(kb: KnowledgeBase, cls: str) -> list[str]:
 def test_same_individuals_are_derived_and_forgotten(kb: KnowledgeBase) -> None:
     before = {str(quad) for quad in kb._store.quads_for_pattern(None, None, None)}
     assert members_of(kb, "Cat") == ["b"]
-    count = kb.derive()
+    count = kb.materialize()
     assert count == len(list(kb._store.quads_for_pattern(None, None, None))) - len(before)
     assert [local_name(str(row[0].value)) for row in kb.sparql(_SAME).rows] == ["b"]
     assert members_of(kb, "Cat") == ["a", "b"]
@@ -70,7 +70,7 @@ def test_asserted_classes_come_before_derived_ones(kb: KnowledgeBase) -> None:
     kb.tell("e:BigCat", "subClassOf", "Cat")
     kb.tell("e:LazyCat", "subClassOf", "e:BigCat")
     kb.tell("b", "type", "e:LazyCat")
-    kb.derive()
+    kb.materialize()
     (row,) = kb.ask("everything_in_map", individual="a")
     assert local_name(row.cls) == "Cup"
     (row,) = kb.ask("what_is", individual="a")
@@ -78,28 +78,28 @@ def test_asserted_classes_come_before_derived_ones(kb: KnowledgeBase) -> None:
 
 
 def test_deriving_twice_adds_nothing(kb: KnowledgeBase) -> None:
-    assert kb.derive() == kb.derive() > 0
+    assert kb.materialize() == kb.materialize() > 0
 
 
 def test_the_depth_of_a_part_comes_from_asserted_statements(kb: KnowledgeBase) -> None:
     before = list(kb.ask("part_of", whole="box"))
-    kb.derive()
+    kb.materialize()
     assert list(kb.ask("part_of", whole="box")) == before
     assert [row.depth for row in before] == [1, 2]
 
 
 def test_retractions_drop_derived_statements_and_assertions_do_not(kb: KnowledgeBase) -> None:
-    kb.derive()
+    kb.materialize()
     kb.tell("knob", "type", "Cat")
     assert members_of(kb, "Cat") == ["a", "b", "knob"]
     kb.retract(individual("mouse"), "ownedBy", "b")
     assert members_of(kb, "Cat") == ["b", "knob"]
-    assert kb.derive() > 0
+    assert kb.materialize() > 0
     assert members_of(kb, "Cat") == ["b", "knob"]
 
 
 def test_a_derived_statement_can_be_asserted(kb: KnowledgeBase) -> None:
-    kb.derive()
+    kb.materialize()
     assert kb.tell("a", "type", "Cat")
     kb.forget_derived()
     assert members_of(kb, "Cat") == ["a", "b"]
@@ -112,7 +112,7 @@ def test_the_usual_questions_do_not_need_derivation(reasoner: None) -> None:
         kb.world(),
         {declared.name: list(kb.ask(declared)) for declared in list_questions() if not declared.uses_current_state},
     )
-    assert kb.derive() > 1000
+    assert kb.materialize() > 1000
     assert {name: list(kb.ask(name)) for name in before} == before
     assert kb.world() == world
 
@@ -120,4 +120,4 @@ def test_the_usual_questions_do_not_need_derivation(reasoner: None) -> None:
 def test_a_missing_library_is_reported_with_the_extra_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "reasonable", None)
     with pytest.raises(ReasonerUnavailableError, match=r"pip install 'mindstage\[closure\]'"):
-        KnowledgeBase().derive()
+        KnowledgeBase().materialize()

@@ -41,7 +41,7 @@ def told_by_prolog(swipl: Path, files: list[Path]) -> Answers:
 def told_by_us(kb: KnowledgeBase) -> Answers:
     answers = {name: {tuple(getattr(row, end) for end in ends) for row in kb.ask(name)} for name, ends in ENDS.items()}
     properties = {
-        (row.cls, f"{row.property} {row.told_by} {row.kind} {row.value if '://' in row.value else '-'}")
+        (row.cls, f"{row.property} {row.source} {row.kind} {row.value if '://' in row.value else '-'}")
         for row in kb.ask("class_properties")
     }
     return answers | {"class_properties": properties}

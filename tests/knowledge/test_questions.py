@@ -97,7 +97,7 @@ def test_the_fridge_door_and_the_oven_have_one_handle_each(laboratory: Knowledge
 
 
 def test_map_statistics_equal_those_of_the_thesis(laboratory: KnowledgeBase) -> None:
-    (row,) = laboratory.ask("analyse")
+    (row,) = laboratory.ask("analyze")
     assert (row.classes, row.individuals, row.objects, row.constraints, row.relations) == (64, 136, 114, 22, 55)
     assert len(laboratory.ask("everything_in_map")) == 136
 
@@ -330,7 +330,7 @@ def test_a_question_without_any_map_or_ontology_has_no_answers() -> None:
 
 def test_a_class_can_be_asked_for_by_the_value_of_a_property(kitchen: KnowledgeBase) -> None:
     rows = kitchen.ask("class_properties", property="typePrimaryFunction-containerFor", value="Perishable")
-    assert {local_name(row.told_by) for row in rows} == {"Refrigerator"}
+    assert {local_name(row.source) for row in rows} == {"Refrigerator"}
     assert {row.value for row in rows} == {f"{KNOWROB}Perishable"}
     widths = kitchen.ask("class_properties", property="widthOfObject", value=0.6)
     assert widths

@@ -153,7 +153,7 @@ def test_restrictions_name_the_class_they_are_inherited_from(make_knowledge_base
         '[ a owl:Restriction ; owl:onProperty e:colour ; owl:hasValue "white" ] .'
     )
     rows = kb.ask("class_properties", cls="Fridge")
-    assert [(local_name(row.told_by), row.kind, row.count, local_name(row.value)) for row in rows] == [
+    assert [(local_name(row.source), row.kind, row.count, local_name(row.value)) for row in rows] == [
         ("Fridge", "someValuesFrom", None, "Food"),
         ("Device", "hasValue", None, "white"),
         ("Device", "cardinality", 1, "anything"),

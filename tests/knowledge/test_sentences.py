@@ -115,8 +115,8 @@ UNDERSTOOD = {
     "what class does milk_carton_1 have": "individual_of_class individual=milk_carton_1",
     "is milk carton 1 a kind of milk": "individual_of_class individual=milk_carton_1 cls=Milk",
     # counts and lists
-    "how many objects are there?": "analyse",
-    "how many things are in the kitchen": "analyse map=kitchen",
+    "how many objects are there?": "analyze",
+    "how many things are in the kitchen": "analyze map=kitchen",
     "which maps are loaded?": "maps",
     "what is in the kitchen?": "everything_in_map map=kitchen",
     "which handles are there": "individual_of_class cls=Handle",
@@ -371,7 +371,7 @@ def test_an_argument_by_name_supersedes_the_one_of_the_sentence(kitchen: Knowled
 
 
 def test_a_sentence_about_the_current_state_uses_the_simulation(kitchen: KnowledgeBase) -> None:
-    with Simulation(kitchen, NullEngine(), shapes=False) as simulation:
+    with Simulation(kitchen, NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn()
         answers = simulation.ask("where is the milk?")
         assert {row.source for row in answers} == {"null"}

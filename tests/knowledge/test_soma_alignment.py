@@ -38,7 +38,7 @@ PART_MARK = ox.NamedNode(SOMA + "hasPhysicalComponent")
 COMPARED = {
     *("storage_place", "storage_place_in_environment", "device_for_action", "device_for_action_in_environment"),
     *("part_of", "handle_of", "what_is", "maps", "everything_in_map", "individual_of_class", "where_is", "openings"),
-    *("analyse", "identical_maps", "differences"),
+    *("analyze", "identical_maps", "differences"),
 }
 """Questions whose answers do not count classes or measure free space."""
 RELATIONS = [KNOWROB + name for name in ("parent", "child", "properPhysicalParts")]
@@ -97,11 +97,11 @@ def questions_about(individual: str) -> Iterable[tuple[str, Mapping[str, str]]]:
 
 
 def assert_same_answers(
-    one: KnowledgeBase, other: KnowledgeBase, individuals: Iterable[str], *, without: Container[str] = ("analyse",)
+    one: KnowledgeBase, other: KnowledgeBase, individuals: Iterable[str], *, without: Container[str] = ("analyze",)
 ) -> None:
     """Compares all answers about a map in KnowRob's terms with those about it in SOMA's.
 
-    Two differences are meant: `analyse` counts statements as the file has them, and SOMA's dispositions state devices
+    Two differences are meant: `analyze` counts statements as the file has them, and SOMA's dispositions state devices
     for actions that KnowRob has none for.
     """
     asked: list[tuple[str, Mapping[str, str]]] = [
@@ -233,7 +233,7 @@ def test_a_map_of_soma_answers_the_same_after_its_export(
     joints = {joint.iri for joint in room.world().joints}
     assert len(joints) == 17
     assert not joints & {row.individual for row in room.ask("everything_in_map")}
-    counted = {"maps", "analyse", "how_many"}
+    counted = {"maps", "analyze", "how_many"}
     for question in list_questions():
         if question.name not in counted:
             before, after = (
@@ -305,7 +305,7 @@ def test_a_kitchen_in_the_terms_of_soma_gives_the_same_answers(
     assert found[1].ask("storage_place_in_environment", item="CowsMilk")
     individuals = [row.individual for row in kitchen.ask("everything_in_map")]
     # An export declares by ms:dialect that its attachments are the statements that were left out here.
-    assert_same_answers(*found, individuals[::16], without={"analyse", "where_is"})
+    assert_same_answers(*found, individuals[::16], without={"analyze", "where_is"})
 
 
 def graph_of(kb: KnowledgeBase) -> ox.NamedNode:

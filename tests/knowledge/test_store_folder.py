@@ -140,7 +140,7 @@ def test_a_folder_keeps_the_choice_of_the_bundled_ontology(small: tuple[Path, Pa
 
 def test_the_bundled_ontology_of_another_version_is_replaced(folder: Path) -> None:
     manifest = json.loads((folder / "mindstage.json").read_text())
-    manifest["sources"][0]["hash"] = "0" * 64
+    manifest["sources"][0]["file_hash"] = "0" * 64
     text = json.dumps(manifest).replace(str(bundled_ontology()), "/elsewhere/household.ttl")
     (folder / "mindstage.json").write_text(text)
     with reopened(folder) as kb:
@@ -243,12 +243,12 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 def test_a_folder_of_a_newer_format_is_refused(folder: Path) -> None:
     (folder / "mindstage.json").write_text('{"format_version": 99, "feelings": []}')
     with pytest.raises(
-        StoreError, match="it has format version 99, and this version of Mindstage reads up to 2; use a newer Mindstage"
+        StoreError, match="it has format version 99, and this version of Mindstage reads 3; use a newer Mindstage"
     ):
         reopened(folder)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"format_version": 1, "sources": [{"path": 3}]}'])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"format_version": 3, "sources": [{"path": 3}]}'])
 def test_a_damaged_manifest_is_reported(text: str, folder: Path) -> None:
     (folder / "mindstage.json").write_text(text)
     with pytest.raises(StoreError, match=r"mindstage\.json: .*; delete the folder and load the sources"):

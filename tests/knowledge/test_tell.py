@@ -157,9 +157,9 @@ def test_an_asserted_map_has_individuals_but_no_world(kb: KnowledgeBase) -> None
     assert [local_name(row.individual) for row in kb.ask("everything_in_map", map="shed")] == ["rake"]
     (row,) = kb.ask("what_is", individual="rake")
     assert row.pose is None
-    assert not kb.ask("analyse", map="shed")
+    assert not kb.ask("analyze", map="shed")
     assert not kb.ask("identical_maps", a="shed", b="kitchen")
-    assert len(kb.ask("analyse")) == 1
+    assert len(kb.ask("analyze")) == 1
 
 
 def test_numbers_are_retracted_by_value_and_strings_in_any_language(kb: KnowledgeBase) -> None:

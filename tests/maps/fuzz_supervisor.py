@@ -22,7 +22,7 @@ __all__ = ["VERBS", "WorkerResult", "WorkerSupervisor"]
 CPU_LIMIT_S = 15.0
 """About a hundred times the CPU time of a large sample."""
 WALL_LIMIT_S = 180.0
-VERBS = ("validate", "validate --json", "analyse", "convert")
+VERBS = ("validate", "validate --json", "analyze", "convert")
 
 _TICKS_PER_SECOND = os.sysconf("SC_CLK_TCK")
 

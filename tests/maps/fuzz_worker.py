@@ -83,7 +83,7 @@ def round_trip(path: Path, robots: Sequence[str], ontologies: Sequence[str], fol
     result: dict[str, Any] = {"error": "", "maps": 0, "bodies": 0, "findings": []}
     try:
         knowledge = KnowledgeBase(bundled_ontology=False)
-        knowledge.load(path, urdf_files=robots, ontologies=ontologies)
+        knowledge.load(path, urdf=robots, ontologies=ontologies)
         for map in knowledge.maps():
             world = knowledge.world(map)
             knowledge.map_statistics(map)
@@ -125,7 +125,7 @@ def run_command(path: str, robots: Sequence[str], ontologies: Sequence[str], ver
     arguments = {
         "validate": ["validate", path],
         "validate --json": ["validate", path, "--json"],
-        "analyse": ["analyse", path],
+        "analyze": ["analyze", path],
         "convert": ["convert", path, str(folder / "converted.ttl")],
     }[verb]
     result = CliRunner().invoke(app, [*arguments, *options, "--no-bundled-ontology"], prog_name="mindstage")

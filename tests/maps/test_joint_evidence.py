@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mindstage.maps.dialects.joints import HingeEvidence, InferredAxis, infer_hinge_axis
 from mindstage.scene import AxisMotion, Joint, Pose, World
-from mindstage.scene.kinematics import ObservedBox, axis_ranges
+from mindstage.scene.joint_kinematics import ObservedBox, axis_ranges
 from mindstage.scene.transforms import Array, quat_rotate, rotation_matrix
 from tests.maps.dialect_maps import check_round_trip, finding_texts, joint_range, knowrob1_map, matrix_turtle
 from tests.maps.small_maps import ReadMap, room_map

@@ -46,7 +46,7 @@ def linked(tmp_path: Path, file: Path) -> Path:
 
 def test_a_map_gets_its_poses_and_joints_from_the_description(linked: Path, file: Path, tmp_path: Path) -> None:
     knowledge = KnowledgeBase()
-    knowledge.load(linked, urdf_files=file)
+    knowledge.load(linked, urdf=file)
     world = knowledge.world()
     assert (world.name, knowledge.findings()) == ("linked", ())
     assert world.body("drawer").pose.position == pytest.approx((0.95, 0.4, 0.7))
@@ -67,8 +67,8 @@ def test_rdf_xml_maps_can_use_a_description_too(linked: Path, file: Path, tmp_pa
     path = tmp_path / "linked.owl"
     path.write_bytes(ox.serialize((quad.triple for quad in quads), format=ox.RdfFormat.RDF_XML) or b"")
     first, second = KnowledgeBase(), KnowledgeBase()
-    first.load(linked, urdf_files=file)
-    second.load(path, urdf_files=file)
+    first.load(linked, urdf=file)
+    second.load(path, urdf=file)
     assert_worlds_equal(first.world(), second.world())
 
 
@@ -86,7 +86,7 @@ def test_unknown_and_unused_links_are_reported(linked: Path, file: Path) -> None
     other = file.with_name("other.urdf")
     other.write_text(robot_urdf(BASE), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    knowledge.load(linked, urdf_files=[file, other])
+    knowledge.load(linked, urdf=[file, other])
     assert len(knowledge.world().joints) == 2
     texts = str(knowledge.findings())
     assert "that of the link 'freezer'" in texts
@@ -95,6 +95,6 @@ def test_unknown_and_unused_links_are_reported(linked: Path, file: Path) -> None
 
 def test_a_file_that_is_not_a_robot_description_is_refused(linked: Path) -> None:
     with pytest.raises(SourceParseError, match="not well-formed XML"):
-        KnowledgeBase(bundled_ontology=False).load(linked, urdf_files=linked)
+        KnowledgeBase(bundled_ontology=False).load(linked, urdf=linked)
     with pytest.raises(SourceParseError, match="No such file"):
-        KnowledgeBase(bundled_ontology=False).load(linked, urdf_files=linked.with_name("gone.urdf"))
+        KnowledgeBase(bundled_ontology=False).load(linked, urdf=linked.with_name("gone.urdf"))

@@ -15,8 +15,8 @@ from mindstage.errors import InvalidArgumentError, SourceParseError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import save_map
 from mindstage.maps.urdf import is_urdf
-from mindstage.maps.urdf.model import UrdfLink, UrdfRobot
 from mindstage.maps.urdf.to_world import urdf_to_world
+from mindstage.maps.urdf.urdf_model import UrdfLink, UrdfRobot
 from mindstage.scene import AxisMotion, BodyId, Iri, Joint, JointMimic, Mobility, PrimitiveType, World
 from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import rotation_matrix
@@ -304,7 +304,7 @@ def test_an_invalid_mimic_is_reported(file: Path, mimic: str, found: str) -> Non
 
 def test_fingers_move_together_and_opening_either_moves_the_master(file: Path) -> None:
     loaded = load_robot(file, gripper_urdf())
-    with Simulation(loaded.knowledge, MujocoEngine(), shapes=False) as sim:
+    with Simulation(loaded.knowledge, MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(loaded.world)
         for name in ("right_joint", "left_joint"):
             assert sim.joint(name).open(), name
@@ -319,7 +319,7 @@ def test_fingers_move_together_and_opening_either_moves_the_master(file: Path) -
 
 def test_a_follower_moves_its_master_without_physics(file: Path) -> None:
     loaded = load_robot(file, gripper_urdf('<mimic joint="left_joint" multiplier="0.5"/>'))
-    with Simulation(loaded.knowledge, NullEngine(), shapes=False) as sim:
+    with Simulation(loaded.knowledge, NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(loaded.world)
         assert sim.joint("right_joint").move_to(0.02)
         assert sim.joint("left_joint").position == pytest.approx(0.04)

@@ -292,7 +292,7 @@ def test_a_map_with_a_robot_description_is_written_without_needing_it(tmp_path: 
     path = tmp_path / "map.ttl"
     path.write_text(soma_map(':drawer a soma:Drawer ; urdf:hasBaseLinkName "counter_drawer_main" .'), encoding="utf-8")
     knowledge = KnowledgeBase(bundled_ontology=False)
-    knowledge.load(path, urdf_files=tmp_path / "kitchen.urdf")
+    knowledge.load(path, urdf=tmp_path / "kitchen.urdf")
     back = returned(knowledge.world(), knowledge, tmp_path, MapFormat.TURTLE)
     assert_worlds_equal(knowledge.world(), back.world())
     assert back.findings() == ()

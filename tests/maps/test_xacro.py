@@ -168,8 +168,8 @@ def test_descriptions_beside_maps_are_expanded_alike(doubled: Path, tmp_path: Pa
     map.write_text(LINKED, encoding="utf-8")
     with KnowledgeBase() as knowledge:
         with pytest.raises(XacroRefusedError):
-            knowledge.load(map, urdf_files=doubled)
-        knowledge.load(map, urdf_files=doubled, xacro=True)
+            knowledge.load(map, urdf=doubled)
+        knowledge.load(map, urdf=doubled, xacro=True)
         assert [body.size for body in knowledge.world().bodies] == [(1.0, 1.0, 1.0)]
 
 

@@ -215,7 +215,7 @@ def test_ctrl_c_ends_a_goal(prolog: Path, tmp_path: Path) -> None:
 
 
 def test_the_simulation_can_be_viewed(prolog: Path) -> None:
-    done = run(KITCHEN, "--viewport", "--port", 0, typed="spawn_semantic_map(_), highlight(fridge).\nhalt.\n")
+    done = run(KITCHEN, "--viewer", "--port", 0, typed="spawn_semantic_map(_), highlight(fridge).\nhalt.\n")
     assert done.returncode == 0
     assert "The world is served at http://127.0.0.1:" in done.stderr
     assert "true." in done.stdout

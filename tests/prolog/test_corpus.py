@@ -51,7 +51,7 @@ def episode_console(prolog: Path, tmp_path: Path) -> Iterator[PrologConsole]:
 @pytest.fixture
 def physics_console(prolog: Path) -> Iterator[PrologConsole]:
     """A console of the kitchenette in MuJoCo."""
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as simulation:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(kitchenette())
         with PrologConsole(simulation) as console:
             yield console

@@ -130,13 +130,13 @@ def test_what_is_no_plan_is_named_with_the_number_of_its_step(value: Value, mess
     ],
 )
 def test_options_have_their_values(value: Value, expected: dict[str, Any]) -> None:
-    assert trial_options(value, "try_in_simulation") == expected
+    assert trial_options(value, "evaluate_plan") == expected
 
 
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (MUG, "try_in_simulation: mug is no option; there is samples"),
+        (MUG, "evaluate_plan: mug is no option; there is samples"),
         ([term("samples", 2.5)], "samples/1 is no option with such values"),
         ([term("samples", 2, 3)], "samples/2 is no option"),
         ([term("speed", 2)], "speed/1 is no option"),
@@ -149,7 +149,7 @@ def test_options_have_their_values(value: Value, expected: dict[str, Any]) -> No
 )
 def test_what_is_no_option_is_named_with_the_predicate(value: Value, message: str) -> None:
     with pytest.raises(InvalidArgumentError, match=message):
-        trial_options(value, "try_in_simulation")
+        trial_options(value, "evaluate_plan")
 
 
 @pytest.mark.parametrize(

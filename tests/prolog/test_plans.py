@@ -1,4 +1,4 @@
-"""Plans in Prolog: `try_in_simulation` with terms and texts, its verdicts, options and errors."""
+"""Plans in Prolog: `evaluate_plan` with terms and texts, its verdicts, options and errors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.kitchenette import kitchenette
 
 @pytest.fixture(scope="module")
 def console() -> Iterator[PrologConsole]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         with PrologConsole(sim) as console:
             yield console
@@ -37,7 +37,7 @@ def verdict(console: PrologConsole, goal: str) -> dict[str, object]:
 
 def test_a_plan_of_steps_has_a_verdict_and_leaves_the_world_as_it_is(console: PrologConsole) -> None:
     before = console.simulation.snapshot()
-    goal = "try_in_simulation([place('Mug', on('Fridge')), open('FridgeDoor'), wait(0.5)], verdict(O, P, N, Why))"
+    goal = "evaluate_plan([place('Mug', on('Fridge')), open('FridgeDoor'), wait(0.5)], verdict(O, P, N, Why))"
     found = verdict(console, goal)
     assert (found["O"], found["P"], found["N"]) == ("succeeded", 1.0, 1)
     assert str(found["Why"]).startswith("succeeded")
@@ -53,41 +53,41 @@ def test_a_plan_of_steps_has_a_verdict_and_leaves_the_world_as_it_is(console: Pr
     ],
 )
 def test_a_plan_may_be_an_atom_or_string_with_json_or_yaml(console: PrologConsole, text: str) -> None:
-    assert console.holds(f"try_in_simulation('{text}', verdict(succeeded, _, _, _))")
+    assert console.holds(f"evaluate_plan('{text}', verdict(succeeded, _, _, _))")
     quoted = text.replace('"', '\\"')
-    assert console.holds(f'try_in_simulation("{quoted}", verdict(succeeded, _, _, _))')
+    assert console.holds(f'evaluate_plan("{quoted}", verdict(succeeded, _, _, _))')
 
 
 def test_a_verdict_that_is_not_as_expected_fails(console: PrologConsole) -> None:
-    assert not console.holds("try_in_simulation([open('Drawer')], verdict(failed, _, _, _))")
+    assert not console.holds("evaluate_plan([open('Drawer')], verdict(failed, _, _, _))")
 
 
 def test_options_give_samples_uncertainty_and_a_check(console: PrologConsole) -> None:
     options = "[samples(10), seed(3), budget(20), uncertainty('Mug', [position_m(0.02)])]"
-    goal = f"try_in_simulation({EDGE}, verdict(O, P, N, Why), {options})"
+    goal = f"evaluate_plan({EDGE}, verdict(O, P, N, Why), {options})"
     found = verdict(console, goal)
     assert found["N"] == 10
     assert 0.0 < float(str(found["P"])) < 1.0
     assert found["O"] in {"failed", "unknown"}
     assert verdict(console, goal) == found
     check = "check(where_is(thing='Mug', relation=on, other='Cupboard'))"
-    assert console.holds(f"try_in_simulation([wait(0.1)], verdict(succeeded, _, _, _), [{check}])")
-    assert console.holds(f"try_in_simulation([place('Mug', on('Fridge'))], verdict(failed, _, _, _), [{check}])")
+    assert console.holds(f"evaluate_plan([wait(0.1)], verdict(succeeded, _, _, _), [{check}])")
+    assert console.holds(f"evaluate_plan([place('Mug', on('Fridge'))], verdict(failed, _, _, _), [{check}])")
 
 
 @pytest.mark.parametrize(
     ("goal", "message"),
     [
-        ("try_in_simulation([open('Nonsense')], _)", r"steps\[0\]\.thing: .*'Nonsense'"),
-        ("try_in_simulation('steps:\\n  - do: open\\n    thing: Nonsense', _)", r"the plan:3: steps\[0\]\.thing"),
-        ("try_in_simulation([wait(1), hop('Mug')], _)", r"step 2: hop\(Mug\) is no step; there is wait/1"),
-        ("try_in_simulation([place('Mug', under('Fridge'))], _)", r"step 1: under\(Fridge\) is no place"),
-        ("try_in_simulation([push('Mug', force(1, 2))], _)", r"force\(1, 2\) is no list of 3 numbers"),
-        ("try_in_simulation([wait(1)], _, [sample(3)])", r"sample/1 is no option.*samples\(N\)"),
-        ("try_in_simulation([wait(1)], _, [check(where_is('Mug'))])", "Mug is no argument with its name"),
-        ("try_in_simulation([wait(-1)], _)", "duration_s"),
-        ("try_in_simulation([wait(_)], _)", "instantiated"),
-        ("try_in_simulation('/etc/passwd', _)", "the plan:1: it is a text"),
+        ("evaluate_plan([open('Nonsense')], _)", r"steps\[0\]\.thing: .*'Nonsense'"),
+        ("evaluate_plan('steps:\\n  - do: open\\n    thing: Nonsense', _)", r"the plan:3: steps\[0\]\.thing"),
+        ("evaluate_plan([wait(1), hop('Mug')], _)", r"step 2: hop\(Mug\) is no step; there is wait/1"),
+        ("evaluate_plan([place('Mug', under('Fridge'))], _)", r"step 1: under\(Fridge\) is no place"),
+        ("evaluate_plan([push('Mug', force(1, 2))], _)", r"force\(1, 2\) is no list of 3 numbers"),
+        ("evaluate_plan([wait(1)], _, [sample(3)])", r"sample/1 is no option.*samples\(N\)"),
+        ("evaluate_plan([wait(1)], _, [check(where_is('Mug'))])", "Mug is no argument with its name"),
+        ("evaluate_plan([wait(-1)], _)", "duration_s"),
+        ("evaluate_plan([wait(_)], _)", "instantiated"),
+        ("evaluate_plan('/etc/passwd', _)", "the plan:1: it is a text"),
     ],
 )
 def test_what_is_no_plan_is_an_error_with_its_place(console: PrologConsole, goal: str, message: str) -> None:
@@ -107,7 +107,7 @@ def test_questions_that_imagine_are_predicates(console: PrologConsole) -> None:
 
 def test_untrusted_queries_cannot_try_plans(console: PrologConsole) -> None:
     with pytest.raises(PrologGoalError, match="cannot be asked here"):
-        console.answers("try_in_simulation([wait(1)], V)")
+        console.answers("evaluate_plan([wait(1)], V)")
 
 
 def term(name: str, *arguments: object) -> Compound:

@@ -119,7 +119,7 @@ def test_users_may_add_prefixes(kitchen: PrologConsole) -> None:
     assert kitchen.holds("rdf_global_id(my:N, 'http://my.org/x#b'), N == b, rdf_current_prefix(my, _)")
     with pytest.raises(PrologGoalError, match="unknown prefix mine; known prefixes: ") as refused:
         kitchen.holds("handle_of(_, mine:thing, _)")
-    assert refused.value.error_type == "prefix_unknown"
+    assert refused.value.error_type == "NameNotFoundError"
 
 
 def test_an_unknown_name_fails_and_is_warned_about_once(
@@ -134,18 +134,18 @@ def test_an_unknown_name_fails_and_is_warned_about_once(
 @pytest.mark.parametrize(
     ("goal", "kind"),
     [
-        ("ask_sentence('where is the left drawer', _)", "sentence_ambiguous"),
-        ("storage_place(17, _)", "argument_refused"),
-        ("identical_maps(kitchen, kitchen, -1)", "argument_refused"),
-        ("why(handle_off(_, _, _))", "question_unknown"),
-        ("why(maps(_, _, _))", "argument_refused"),
+        ("ask_sentence('where is the left drawer', _)", "AmbiguousSentenceError"),
+        ("storage_place(17, _)", "InvalidArgumentError"),
+        ("identical_maps(kitchen, kitchen, -1)", "InvalidArgumentError"),
+        ("why(handle_off(_, _, _))", "QuestionNotFoundError"),
+        ("why(maps(_, _, _))", "InvalidArgumentError"),
     ],
 )
 def test_invalid_questions_are_errors(goal: str, kind: str, kitchen: PrologConsole) -> None:
     with pytest.raises(PrologGoalError) as refused:
         kitchen.solutions(goal)
     assert refused.value.error_type == kind
-    assert kitchen.holds(f"catch(({goal}), mindstage_error({kind}, Sentence), string(Sentence))")
+    assert kitchen.holds(f"catch(({goal}), mindstage_error('{kind}', Sentence), string(Sentence))")
 
 
 # -- more than answers -------------------------------------------------------------------------------------------------

@@ -142,7 +142,7 @@ def test_literals_are_asserted_with_their_datatypes(value: str, shown: str, cons
 def test_incomplete_values_cannot_be_asserted(value: str, console: PrologConsole) -> None:
     with pytest.raises(PrologGoalError) as refused:
         console.holds(f"rdf_assert(kitchen:fridge, knowrob:note, {value})")
-    assert refused.value.error_type == "argument_refused"
+    assert refused.value.error_type == "InvalidArgumentError"
 
 
 def test_loading_a_file_registers_its_prefix(console: PrologConsole, tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_loading_a_file_registers_its_prefix(console: PrologConsole, tmp_path: P
     assert console.holds(f"owl_parser:owl_parse('{path}')")
     with pytest.raises(PrologGoalError) as refused:
         console.holds("owl_parse('nowhere.owl')")
-    assert refused.value.error_type == "source_unreadable"
+    assert refused.value.error_type == "SourceParseError"
 
 
 def test_files_that_load_semweb_get_this_store_instead(kitchen: PrologConsole, tmp_path: Path) -> None:

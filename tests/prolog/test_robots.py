@@ -36,7 +36,7 @@ def pick(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
 
 @pytest.fixture(scope="module")
 def console() -> Iterator[PrologConsole]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         with PrologConsole(sim) as console:
             assert console.solutions("robot(R)") == []
@@ -103,8 +103,8 @@ def test_what_is_improbable_is_not_done(console: PrologConsole) -> None:
 
 @pytest.mark.usefixtures("fake_pick")
 def test_plans_may_contain_skills(console: PrologConsole) -> None:
-    assert console.holds("try_in_simulation([perform(pick('Mug')), wait(0.1)], verdict(succeeded, _, _, _))")
-    assert console.holds("try_in_simulation([perform(mobile_manipulator, pick('Drawer'))], verdict(failed, _, _, _))")
+    assert console.holds("evaluate_plan([perform(pick('Mug')), wait(0.1)], verdict(succeeded, _, _, _))")
+    assert console.holds("evaluate_plan([perform(mobile_manipulator, pick('Drawer'))], verdict(failed, _, _, _))")
 
 
 @pytest.mark.parametrize(

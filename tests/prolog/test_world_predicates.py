@@ -62,7 +62,7 @@ def test_models_are_attached_to_one_another(console: PrologConsole, simulation: 
     assert ("fridge", "milk_carton_1") in {(each.parent, each.child) for each in simulation.snapshot().attachments}
     with pytest.raises(PrologGoalError) as refused:
         console.holds("attach_model(milk_carton_1, fridge)")
-    assert refused.value.error_type == "attachment_refused"
+    assert refused.value.error_type == "AttachmentError"
 
 
 # -- highlights --------------------------------------------------------------------------------------------------------
@@ -133,12 +133,12 @@ def test_bodies_that_do_not_exist_cannot_be_highlighted(
 ) -> None:
     with pytest.raises(PrologGoalError, match=r"fridge cannot be highlighted: .*; spawn_semantic_map") as refused:
         console.holds("highlight(fridge)")
-    assert refused.value.error_type == "body_unknown"
+    assert refused.value.error_type == "BodyNotFoundError"
     assert console.holds("spawn_semantic_map(_), highlight([fridge, fridge_door_hinge])")
     assert "fridge_door_hinge cannot be highlighted: it is a joint, which has no body" in capfd.readouterr().err
     with pytest.raises(PrologGoalError, match="pink") as refused:
         console.holds("highlight(fridge, pink)")
-    assert refused.value.error_type == "colour_unknown"
+    assert refused.value.error_type == "InvalidColorError"
 
 
 # -- the current state -------------------------------------------------------------------------------------------------

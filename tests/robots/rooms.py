@@ -11,9 +11,9 @@ from mindstage.engines.base import Contact, Engine
 from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot
-from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import RobotModel
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
+from mindstage.robots.robot_model import RobotModel
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation.simulation import Simulation
 
@@ -53,7 +53,7 @@ def robot_in(
     """A simulation of a floor around the origin, some bodies and a robot."""
     ground = box("floor", (0.0, 0.0, -0.05), (*floor, 0.1))
     world = World(iri=Iri("http://example.org/room#map"), name="room", bodies=(ground, *bodies))
-    with Simulation(KnowledgeBase(), engine or MujocoEngine(), shapes=False, threaded=False) as simulation:
+    with Simulation(KnowledgeBase(), engine or MujocoEngine(), primitive_shapes=True, threaded=False) as simulation:
         report = simulation.spawn(world)
         assert report.ok, report
         yield add_robot(simulation, robot, Pose(at))

@@ -16,7 +16,8 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import StateAccess, get_question
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.abilities import AbilityRow, profile_of_model
-from mindstage.robots.model import (
+from mindstage.robots.models.reading import load_model
+from mindstage.robots.robot_model import (
     Arm,
     BaseType,
     Gripper,
@@ -30,7 +31,6 @@ from mindstage.robots.model import (
     RobotSensor,
     SensorType,
 )
-from mindstage.robots.models.reading import load_model
 from mindstage.robots.self_models import add_self_model, component_class, read_self_model
 from mindstage.robots.skills import skill_specs
 from mindstage.robots.skills.declaration import SkillNeed

@@ -9,13 +9,13 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.base_placement import find_base_poses, reachable_region
+from mindstage.robots.base_placement import find_base_placements, reachable_region
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import BaseType
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.navigation import plan_base
 from mindstage.robots.planning import plan_arm
+from mindstage.robots.robot_kinematics import RobotKinematics
+from mindstage.robots.robot_model import BaseType
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, quat_angle
 from tests.robots.rooms import box, robot_in
@@ -32,7 +32,7 @@ def at_base(base: tuple[float, float, float]) -> Array:
 
 def test_each_place_serves_and_the_best_comes_first() -> None:
     with robot_in(COUNTER) as robot:
-        found = find_base_poses(robot, "", [TARGET], count=4)
+        found = find_base_placements(robot, "", [TARGET], count=4)
         assert 1 <= len(found) <= 4
         assert [each.score for each in found] == sorted((each.score for each in found), reverse=True)
         kinematics, joints = RobotKinematics(robot.model), robot.model.arms[0].joints
@@ -47,7 +47,7 @@ def test_each_place_serves_and_the_best_comes_first() -> None:
 
 def test_the_robot_drives_there_and_reaches_the_target() -> None:
     with robot_in(COUNTER, at=(-1.0, -1.0, 0.0)) as robot:
-        best = find_base_poses(robot, "arm", [TARGET])[0]
+        best = find_base_placements(robot, "arm", [TARGET])[0]
         assert hypot(best.base[0] + 1.0, best.base[1] + 1.0) - 0.1 < best.drive_m < 5.0
         assert robot.run(robot.driving(plan_base(robot, best.base)))
         assert robot.run(robot.following(plan_arm(robot, "arm", TARGET)))
@@ -60,7 +60,7 @@ def test_one_place_serves_all_targets_of_an_arc() -> None:
         for a in np.linspace(0.0, pi / 2.5, 5).tolist()
     ]
     with robot_in() as robot:
-        best = find_base_poses(robot, "", poses)[0]
+        best = find_base_placements(robot, "", poses)[0]
         kinematics = RobotKinematics(robot.model)
         for pose, positions in zip(poses, best.positions, strict=True):
             reached = kinematics.pose("gripper", positions, root_pose=at_base(best.base))
@@ -70,13 +70,13 @@ def test_one_place_serves_all_targets_of_an_arc() -> None:
 def test_a_robot_that_stands_well_may_stay() -> None:
     with robot_in() as robot:
         near = Pose((0.65, 0.0, 0.9))
-        found = find_base_poses(robot, "", [near], count=1000, max_distance_m=0.6)
+        found = find_base_placements(robot, "", [near], count=1000, max_distance_m=0.6)
         assert [each.drive_m for each in found if each.base == pytest.approx(robot.base_pose())] == [0.0]
 
 
 def test_targets_that_are_too_high_are_refused_with_a_reason() -> None:
     with robot_in(COUNTER) as robot, pytest.raises(UnreachableError, match=r"none of \d+ places") as caught:
-        find_base_poses(robot, "", [Pose((2.1, 0.3, 2.9))])
+        find_base_placements(robot, "", [Pose((2.1, 0.3, 2.9))])
     assert "limit" in caught.value.reason or "reach" in caught.value.reason
 
 
@@ -84,18 +84,18 @@ def test_a_target_behind_a_wall_is_refused_with_the_wall() -> None:
     wall = box("wall", (1.8, 0.0, 1.25), (0.1, 6.0, 2.5))
     with robot_in(COUNTER, wall) as robot:
         with pytest.raises(UnreachableError) as caught:
-            find_base_poses(robot, "", [TARGET])
+            find_base_placements(robot, "", [TARGET])
         assert caught.value.obstacle in {"wall", "counter"}
-        assert find_base_poses(robot, "", [TARGET], ignore={BodyId("wall")})
+        assert find_base_placements(robot, "", [TARGET], ignore={BodyId("wall")})
 
 
 def test_a_fixed_base_and_missing_targets_are_refused() -> None:
     model = load_model("mobile_manipulator")
     fixed = replace(model, base=replace(model.base, type=BaseType.FIXED))
     with robot_in(robot=fixed) as robot, pytest.raises(InvalidArgumentError, match="fixed"):
-        find_base_poses(robot, "", [TARGET])
+        find_base_placements(robot, "", [TARGET])
     with robot_in() as robot, pytest.raises(InvalidArgumentError, match="targets"):
-        find_base_poses(robot, "", [])
+        find_base_placements(robot, "", [])
 
 
 def test_the_region_is_around_the_robot_and_ends_at_its_reach() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import mindstage as ms
-from mindstage.engines.mujoco.kinematics import ContactModel
+from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import plan_line
+from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.scene import BodyId, Mobility, Pose
 from mindstage.scene.edits import Attach, SetPoses
 from tests.kitchenette import kitchenette

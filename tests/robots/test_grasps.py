@@ -7,9 +7,9 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.model import RobotModel
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
+from mindstage.robots.robot_model import RobotModel
 from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.grasps import (
     Grasp,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
-from mindstage.robots import kinematics, planning
-from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.model import (
+from mindstage.robots import planning, robot_kinematics
+from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
+from mindstage.robots.robot_model import (
     Arm,
     BaseType,
     RobotBase,
@@ -191,7 +191,7 @@ def test_a_base_that_drives_brings_the_hand_anywhere_on_the_floor() -> None:
 def test_a_library_that_is_not_installed_is_named_with_the_remedy(
     library: str, use: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = planning if use == "_ompl" else kinematics
+    module = planning if use == "_ompl" else robot_kinematics
     load = getattr(module, use)
     load.cache_clear()
     monkeypatch.setitem(sys.modules, library, None)

@@ -11,9 +11,9 @@ import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.kinematics import RobotKinematics
 from mindstage.robots.planning import find_arm, interpolated, plan_arm, plan_line, plan_path
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import Body, BodyId, Pose

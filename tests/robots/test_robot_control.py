@@ -18,9 +18,9 @@ from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFound
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
-from mindstage.robots.model import BaseType, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_model import BaseType, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.ros.robot_controllers import await_motion
 from mindstage.ros.service import GoalCanceledError, GoalContext
@@ -40,7 +40,7 @@ def model() -> RobotModel:
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, threaded=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as sim:
         yield sim
 
 
@@ -540,7 +540,7 @@ def test_a_copy_continues_the_motion_and_the_original_does_not_notice(sim: Simul
     goal = robot.start_trajectory(robot.trajectory_to({"lift_joint": 0.9}))
     sim.step(0.5)
     before = robot.joint_positions()
-    with sim.imagine(threaded=False) as copy:
+    with sim.fork(threaded=False) as copy:
         twin = find_robot(copy)
         copy.step(3.0)
         assert twin.joint_positions()["lift_joint"] == pytest.approx(0.9, abs=0.003)
@@ -553,7 +553,7 @@ def test_a_copy_continues_the_motion_and_the_original_does_not_notice(sim: Simul
 
 def test_a_copy_in_another_process_has_the_robot(sim: Simulation, robot: Robot) -> None:
     robot.run(robot.moving_to({"lift_joint": 0.6}))
-    with sim.imagine(threaded=False) as copy:
+    with sim.fork(threaded=False) as copy:
         sent = pickle.loads(pickle.dumps(copy))
         twin = find_robot(sent)
         assert twin.session is sent
@@ -616,7 +616,7 @@ def test_robots_are_not_part_of_a_saved_map_unless_they_are_asked_for(
 
 
 def test_a_robot_moves_while_the_simulation_plays(model: RobotModel) -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         robot = add_robot(sim, model)
         sim.play(speed=4.0)
         assert robot.run(robot.moving_to({"lift_joint": 0.7}))
@@ -624,12 +624,12 @@ def test_a_robot_moves_while_the_simulation_plays(model: RobotModel) -> None:
 
 
 def test_an_engine_without_actuators_has_the_robot_but_refuses_its_motions(model: RobotModel) -> None:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         robot = add_robot(sim, model, Pose((1.0, 2.0, 0.0)))
         assert robot.base_pose() == pytest.approx((1.0, 2.0, 0.0))
         assert robot.joint_positions().keys() == robot.joint_ids.keys()
         with pytest.raises(CommandRefusedError, match="no actuators"):
             robot.drive(0.1)
-        with sim.imagine(physics=True) as copy:
+        with sim.fork(physics=True) as copy:
             twin = find_robot(copy)
             assert twin.run(twin.moving_to({"lift_joint": 0.6}))

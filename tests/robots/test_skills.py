@@ -34,7 +34,7 @@ from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
-from mindstage.robots.skills.stances import StanceRequest
+from mindstage.robots.skills.path_placement import PathPlacementRequest
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
@@ -219,7 +219,7 @@ class TestSkills:
 
     def test_a_skill_can_be_rehearsed_in_a_copy(self, kitchen: Simulation, robot: Robot) -> None:
         before = robot.base_pose()
-        with kitchen.imagine() as copy:
+        with kitchen.fork() as copy:
             imagined = find_robot(copy)
             assert imagined.run(start_skill(imagined, "go_to", {"x": 0.3, "y": 0.6}))
             assert imagined.base_pose()[0] == pytest.approx(0.3, abs=0.02)
@@ -269,7 +269,7 @@ class TestSmallKitchen:
         first = find_front_motion(hand, opening, surroundings, closed)
         assert first.way is FrontWay.HANDLE
         second = find_front_motion(hand, opening, surroundings, closed, tried=[first])
-        (x, y, yaw), (other_x, other_y, other_yaw) = first.stance.base, second.stance.base
+        (x, y, yaw), (other_x, other_y, other_yaw) = first.placement.base, second.placement.base
         turn = abs((other_yaw - yaw + np.pi) % (2 * np.pi) - np.pi)
         assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
         third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
@@ -317,7 +317,7 @@ class TestSmallKitchen:
         self, pantry: Simulation, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The search for a grasp by friction is cut short: the mug is fixed to the gripper then."""
-        monkeypatch.setattr(handling, "StanceRequest", partial(StanceRequest, steps=2000))
+        monkeypatch.setattr(handling, "PathPlacementRequest", partial(PathPlacementRequest, steps=2000))
         robot, mug = find_robot(pantry), BodyId("Mug")
         pantry.place(mug, into="Drawer")
         assert pantry.joint("Drawer").openness < 0.01
@@ -349,7 +349,7 @@ class TestSmallKitchen:
             pantry.joint(opening.front).open(fraction)
             yield 0.1
 
-        monkeypatch.setattr(handling, "_friction_stance", lambda *args, **options: (None, None))
+        monkeypatch.setattr(handling, "_friction_placement", lambda *args, **options: (None, None))
         monkeypatch.setattr(handling, "_standing_before", standing_before)
         monkeypatch.setattr(handling, "moving_front", moving_front)
         task = SkillTask(robot)
@@ -587,7 +587,7 @@ class TestWhatCanBeOpened:
     def test_what_is_in_the_way_is_named_with_its_distance(self, kitchen: Simulation, robot: Robot) -> None:
         handle = kitchen.snapshot().body("microwave_door_handle").pose.position
         crate = box("crate", (handle[0] + 0.06, handle[1], handle[2]), (0.02, 0.3, 0.3))
-        with kitchen.imagine() as copy:
+        with kitchen.fork() as copy:
             copy.spawn(World(iri=Iri("http://example.org/crate"), bodies=(crate,)))
             reach = can_open(find_robot(copy), "microwave_door")
             result = perform(find_robot(copy), "open", thing="microwave_door")
@@ -616,7 +616,7 @@ class TestWhatCanBeOpened:
         surroundings = task.surroundings()
         opening = surroundings.opening(BodyId("drawer_south_3"))
         motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
-        assert motion.stance.reach > 0.95
+        assert motion.placement.reach > 0.95
 
 
 class TestArmsThatTakeTheBaseAlong:
@@ -631,8 +631,8 @@ class TestArmsThatTakeTheBaseAlong:
             surroundings = task.surroundings()
             opening = surroundings.opening(BodyId("drawer_south_1"))
             motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
-            assert motion.stance.reach > 0.95
-            assert plan_base(robot, motion.stance.base)
+            assert motion.placement.reach > 0.95
+            assert plan_base(robot, motion.placement.base)
 
     def test_a_door_is_closed_by_a_hand_that_has_no_room_to_withdraw_from_its_handle(self) -> None:
         base = (-0.9427, -1.7107, -1.4448)  # between the open door and a wall, the hand at the handle
@@ -650,8 +650,8 @@ class TestArmsThatTakeTheBaseAlong:
             motion = find_front_motion(hand, opening, surroundings, opening.joint.closed_position)
             assert motion.way is FrontWay.HANDLE
             assert hand.distance_before(motion.path[0]) < 0.02
-            assert motion.stance.base == pytest.approx(base, abs=0.02)
-            assert motion.stance.part > 0.95
+            assert motion.placement.base == pytest.approx(base, abs=0.02)
+            assert motion.placement.part > 0.95
 
     def test_room_to_fold_the_arm_is_only_searched_if_no_straight_way_is_free(
         self, monkeypatch: pytest.MonkeyPatch
@@ -689,8 +689,8 @@ class TestArmsThatTakeTheBaseAlong:
             hand, surroundings = hands_of(task)[0], task.surroundings()
             door = surroundings.opening(BodyId("room_door"))
             motion = find_front_motion(hand, door, surroundings, door.joint.open_position)
-            row, path = motion.end_row, motion.stance.path
-            assert motion.stance.stop == row + 1 < path.reached
+            row, path = motion.end_row, motion.placement.path
+            assert motion.placement.stop == row + 1 < path.reached
             moved = {door.front: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
             x, y, _ = hand.base_of(path.roots[row])
             assert FloorMap(robot, moved=moved).is_reachable(x, y)

@@ -78,7 +78,7 @@ def node() -> FakeNode:
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.step(1.5)
         yield sim
@@ -103,23 +103,23 @@ NOTES = [ConversionNote("facts", ("Mug", "Drawer"), "they are lost"), Conversion
     [
         (
             lambda to: to.report_refusal("move", NOT_FOUND),
-            [(WARN, "mindstage: move", str(NOT_FOUND), {"id": "Mugg", "kind": "BodyUnknown"})],
+            [(WARN, "mindstage: move", str(NOT_FOUND), {"id": "Mugg", "code": "BodyNotFoundError"})],
         ),
         (
             lambda to: to.report_error("ask", InvalidArgumentError("x", cause="is wrong", remedy="give y")),
-            [(ERROR, "mindstage: ask", "x: is wrong; give y", {"kind": "ArgumentRefused"})],
+            [(ERROR, "mindstage: ask", "x: is wrong; give y", {"code": "InvalidArgumentError"})],
         ),
         (
             lambda to: to.report_late_end("step", None),
-            [(OK, "mindstage: step", "it has ended", {"kind": "LateEnd"})],
+            [(OK, "mindstage: step", "it has ended", {"code": "LateEnd"})],
         ),
         (
             lambda to: to.report_late_end("step", ValueError("no")),
-            [(ERROR, "mindstage: step", "it has failed: no", {"kind": "LateEnd"})],
+            [(ERROR, "mindstage: step", "it has failed: no", {"code": "LateEnd"})],
         ),
         (
             lambda to: to.report_server_refusal(Refusal(operation="subscribe", name="/tf", cause="no such type")),
-            [(ERROR, "mindstage: subscribe /tf", "no such type", {"kind": "ServerRefusal"})],
+            [(ERROR, "mindstage: subscribe /tf", "no such type", {"code": "ServerRefusal"})],
         ),
         (
             lambda to: to.report_spawn("spawn", REPORT),

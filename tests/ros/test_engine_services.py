@@ -53,7 +53,7 @@ def test_a_world_survives_a_round_trip_without_loss(engine: Call, simulation: Si
     assert engine("clear").items() >= {"success": True, "refusal": EMPTY}.items()
     reply = engine("spawn_world", world=world_to_json(kitchenette()))
     assert reply["success"]
-    assert (reply["report"]["bodies"], reply["report"]["constraints"], reply["report"]["attachments"]) == (8, 2, 2)
+    assert (reply["report"]["bodies"], reply["report"]["joints"], reply["report"]["attachments"]) == (8, 2, 2)
     assert diff(kitchenette(), world_from_json(engine("log_world")["world"])).identical(0.0)
 
 
@@ -66,9 +66,9 @@ def test_failures_are_in_the_spawn_report(engine: Call) -> None:
 def test_describe_returns_engine_and_capabilities(engine: Call) -> None:
     response = engine("describe")
     assert (response["engine"], response["abilities"], response["format_version"]) == (
-        "mujoco", ["actuators", "joints", "save"], 1,
+        "mujoco", ["actuators", "joints", "save"], 2,
     )  # fmt: skip
-    assert response["takes"] == ["forms"]
+    assert response["takes"] == ["geometries"]
 
 
 def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
@@ -105,7 +105,7 @@ def test_responses_to_edits_have_the_expected_time_of_a_rebuild(engine: Call, si
 
 def test_bodies_are_highlighted_in_any_color(engine: Call, simulation: Simulation) -> None:
     color = {"r": 0.1, "g": 0.2, "b": 0.3, "a": 1.0}
-    assert engine("highlight", ids=["Mug", "Fridge"], lit=True, color=color)["success"]
+    assert engine("highlight", ids=["Mug", "Fridge"], highlighted=True, color=color)["success"]
     assert simulation.state.highlights == {"Mug": (0.1, 0.2, 0.3), "Fridge": (0.1, 0.2, 0.3)}
     highlighted = engine("get_highlights")
     assert highlighted["ids"] == ["Mug", "Fridge"]
@@ -156,7 +156,7 @@ def test_geometries_in_the_request_are_used(engine: Call, simulation: Simulation
         shape_name="puck",
     )
     forms = geometry_to_json({BodyId("Mug"): flat})
-    assert engine("spawn_world", world=world_to_json(kitchenette()), forms=forms)["success"]
+    assert engine("spawn_world", world=world_to_json(kitchenette()), geometries=forms)["success"]
     assert simulation.geometry[BodyId("Mug")].collision_shapes == flat.collision_shapes
     engine("step", duration_s=1.0)
     assert position_of(engine("get_poses")["poses"][7])[2] == pytest.approx(
@@ -167,7 +167,7 @@ def test_geometries_in_the_request_are_used(engine: Call, simulation: Simulation
 def test_invalid_geometries_are_rejected_before_spawning(engine: Call, simulation: Simulation) -> None:
     engine("clear")
     with pytest.raises(ServiceCallError, match="no geometry has the key"):
-        engine("spawn_world", world=world_to_json(kitchenette()), forms='{"bodies": {"Mug": "0123456789abcdef"}}')
+        engine("spawn_world", world=world_to_json(kitchenette()), geometries='{"bodies": {"Mug": "0123456789abcdef"}}')
     assert simulation.state.ids == ()
 
 
@@ -211,7 +211,7 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
         ("delete", {"ids": ["nobody"]}),
         ("attach", {"parent": "nobody", "child": "Mug"}),
         ("detach", {"child": "nobody"}),
-        ("highlight", {"ids": ["nobody"], "lit": True}),
+        ("highlight", {"ids": ["nobody"], "highlighted": True}),
         ("push", {"id": "nobody"}),
         ("set_physics", {"id": "nobody", "physics": "{}"}),
         ("set_materials", {"id": "nobody", "materials": "[]"}),
@@ -224,7 +224,7 @@ def test_world_errors_survive_a_round_trip(engine: Call) -> None:
     ("service", "args", "text"),
     [
         ("spawn_world", {"world": "{}"}, "format_version"),
-        ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 1"),
+        ("spawn_world", {"world": '{"format_version": 99}'}, "this version of Mindstage reads 2"),
         ("set_physics", {"id": "Mug", "physics": '{"mass": 1}'}, "mass"),
         ("set_materials", {"id": "Mug", "materials": "{}"}, "expected array"),
         ("step", {"duration_s": -1.0}, "it must be a number from 0 to 3600 s"),
@@ -289,7 +289,7 @@ def test_spawn_map_sends_feedback(engine: Call, local_node: LocalNode, simulatio
     eventually(lambda: len(simulation.state.ids) == 8)
 
 
-EMPTY = {"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": []}
+EMPTY = {"code": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "suggestions": []}
 
 
 def test_a_client_records_an_episode(simulation: Simulation, local_node: LocalNode, tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ TYPES = {
     "/tf_static": "tf2_msgs/TFMessage",
     "/unreal/joint_states": "sensor_msgs/JointState",
     "/unreal/world": "visualization_msgs/MarkerArray",
-    "/unreal/highlights": "mindstage_msgs/LitGroups",
+    "/unreal/highlights": "mindstage_msgs/HighlightGroups",
     "/mindstage/health": "diagnostic_msgs/DiagnosticArray",
 }
 
@@ -174,16 +174,18 @@ def test_a_message_highlights_bodies_and_the_diagnostics_name_those_that_do_not_
     client: RosbridgeClient, local_node: LocalNode, simulation: Simulation
 ) -> None:
     diagnostics = subscribed_messages(local_node, "/mindstage/diagnostics")
-    client.advertise("/unreal/highlight", "mindstage_msgs/LitBodies")
+    client.advertise("/unreal/highlight", "mindstage_msgs/HighlightGroup")
     color = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 1.0}
     client.publish(
-        "/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug", "Cupp"], "color": color, "label": "because"}
+        "/unreal/highlight",
+        "mindstage_msgs/HighlightGroup",
+        {"ids": ["Mug", "Cupp"], "color": color, "label": "because"},
     )
     eventually(lambda: "Cupp" in str(diagnostics))
     (status,) = (each for array in diagnostics for each in array["status"] if "Cupp" in str(each))
     assert (status["name"], status["hardware_id"]) == ("mindstage: highlight", "Cupp")
     assert dict(simulation.state.highlights) == {"Mug": (0.0, 0.0, 1.0)}
-    client.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"]})
+    client.publish("/unreal/highlight", "mindstage_msgs/HighlightGroup", {"ids": ["Mug"]})
     eventually(lambda: not simulation.state.highlights)
 
 

@@ -56,7 +56,7 @@ def pose(x, y, z):
 TOPICS = (
     HEAD
     + """
-from mindstage_msgs.msg import LitBodies
+from mindstage_msgs.msg import HighlightGroup
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -73,7 +73,7 @@ def marker(id):
     new.header.frame_id = "world"
     return new
 
-publish("highlight", LitBodies(ids=["Mug"], color=ColorRGBA(0, 0, 1, 1), label="from rospy"))
+publish("highlight", HighlightGroup(ids=["Mug"], color=ColorRGBA(0, 0, 1, 1), label="from rospy"))
 first = int(sys.argv[2])
 publish("markers", MarkerArray(markers=[marker(first), marker(first + 1)]))
 publish("marker", marker(first + 2))
@@ -123,9 +123,9 @@ PLANS = (
     + """
 import time
 import actionlib
-from mindstage_msgs.msg import TryPlanAction, TryPlanGoal
+from mindstage_msgs.msg import EvaluatePlanAction, EvaluatePlanGoal
 
-client = actionlib.SimpleActionClient(NAMESPACE + "/mindstage/try_plan", TryPlanAction)
+client = actionlib.SimpleActionClient(NAMESPACE + "/mindstage/evaluate_plan", EvaluatePlanAction)
 assert client.wait_for_server(rospy.Duration(20))
 
 def run(cancel, **goal):
@@ -133,7 +133,7 @@ def run(cancel, **goal):
     def on_feedback(feedback):
         done.append(feedback.done)
         heard.set()
-    client.send_goal(TryPlanGoal(**goal), feedback_cb=on_feedback)
+    client.send_goal(EvaluatePlanGoal(**goal), feedback_cb=on_feedback)
     if cancel:
         assert heard.wait(20.0)
         start = time.monotonic()
@@ -141,7 +141,7 @@ def run(cancel, **goal):
     ended = client.wait_for_result(rospy.Duration(20))
     result = client.get_result()
     return {"state": client.get_state(), "done": done, "outcome": result.outcome, "samples": result.samples,
-            "thing": result.thing, "refusal": [result.refusal.kind, result.refusal.reason], "ended": ended,
+            "thing": result.thing, "refusal": [result.refusal.code, result.refusal.reason], "ended": ended,
             "cancel_s": time.monotonic() - start if cancel else None}
 
 opens, edge = sys.argv[2:4]
@@ -241,10 +241,12 @@ def test_topics_pass_the_rosbridge_in_both_directions(second: RosbridgeClient, s
     for topic in ("/tf", "/tf_static"):
         second.subscribe(topic, note, type="tf2_msgs/TFMessage")
     eventually(lambda: set(simulation.state.ids) <= frames)
-    second.advertise("/unreal/highlight", "mindstage_msgs/LitBodies")
+    second.advertise("/unreal/highlight", "mindstage_msgs/HighlightGroup")
     color = {"r": 0.0, "g": 0.0, "b": 1.0, "a": 1.0}
     eventually(lambda: second.has_subscribers("/unreal/highlight"))
-    second.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"], "color": color, "label": "blue"})
+    second.publish(
+        "/unreal/highlight", "mindstage_msgs/HighlightGroup", {"ids": ["Mug"], "color": color, "label": "blue"}
+    )
     eventually(lambda: {group.label: group.ids for group in simulation.state.highlight_groups}.get("blue") == ("Mug",))
 
 
@@ -305,7 +307,7 @@ def test_a_failed_call_returns(second: RosbridgeClient, client: RosbridgeClient,
     malformed = {"question": "where_is", "args": "not JSON"}
     if ros_version is RosVersion.ONE:
         refusal = second.call_service("/mindstage/ask", malformed, timeout_s=TIMEOUT_S)["refusal"]
-        assert (refusal["kind"], "args" in refusal["text"]) == ("MessageRefused", True)
+        assert (refusal["code"], "args" in refusal["text"]) == ("MessageValidationError", True)
     else:
         with pytest.raises(ServiceCallError, match="args: JSON is malformed"):
             second.call_service("/mindstage/ask", malformed, timeout_s=TIMEOUT_S)

@@ -17,15 +17,15 @@ from msgspec.structs import replace
 from mindstage.bridge import LocalNode, RosbridgeClient
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sources import RosPackagePath
-from mindstage.maps.urdf.model import UrdfJointType, UrdfRobot
 from mindstage.maps.urdf.parse import read_urdf
 from mindstage.maps.urdf.to_world import rest_pose
+from mindstage.maps.urdf.urdf_model import UrdfJointType, UrdfRobot
 from mindstage.ros import RosInterface
 from mindstage.ros.publishers import joint_state_message
 from mindstage.ros.robot_description import _roll_pitch_yaw, place_description
 from mindstage.ros.state import StateReader
 from mindstage.scene import AngularLimits, AxisMotion, BodyId, LinearLimits, Pose
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.joint_kinematics import axis_ranges
 from mindstage.scene.transforms import normalize, normalized_pose_array, pose_multiply, quat_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually

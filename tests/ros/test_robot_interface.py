@@ -207,6 +207,31 @@ def test_a_second_robot_has_its_name_as_its_namespace(
         second.close()
 
 
+def test_a_client_that_asks_for_robots_gets_robots_only(
+    playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
+) -> None:
+    node, server = node_and_server
+    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
+    playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
+    with RosInterface(playing, node):
+        client = RobotClient(server.port)
+        categories = {"object": 0, "robot": 1, "human": 2}  # the numbers of all releases of simulation_interfaces
+        found = {
+            name: client.call(
+                "/unreal/get_entities",
+                "simulation_interfaces/GetEntities",
+                filters={"categories": [{"category": number}]},
+            )["entities"]
+            for name, number in categories.items()
+        }
+        assert found["robot"] == [playing.robot(name).link_ids["base_footprint"] for name in ("one", "two")]
+        assert {"DrawerHandle", "FridgeHandle"} <= set(found["object"])
+        assert found["human"] == []
+        info = client.call("/unreal/get_entity_info", "simulation_interfaces/GetEntityInfo", entity=found["robot"][0])
+        assert info["info"]["category"]["category"] == categories["robot"]
+        client.close()
+
+
 def test_an_interface_without_a_namespace_keeps_its_own_names(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:

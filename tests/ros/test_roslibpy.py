@@ -123,7 +123,7 @@ def test_roslibpy_subscribes_and_publishes(
     eventually(lambda: len(received) >= 5 and static)
     frames = {each["child_frame_id"] for message in (received[-1], static[-1]) for each in message["transforms"]}
     assert frames == {*simulation.state.ids, "DrawerSlide", "FridgeHinge", "world"}
-    highlight = roslibpy.Topic(ros, "/unreal/highlight", "mindstage_msgs/LitBodies")
+    highlight = roslibpy.Topic(ros, "/unreal/highlight", "mindstage_msgs/HighlightGroup")
     highlight.publish(roslibpy.Message({"ids": ["Mug"], "color": {"r": 1.0, "g": 0.0, "b": 0.0, "a": 1.0}}))
     eventually(lambda: "Mug" in simulation.state.highlights)
 

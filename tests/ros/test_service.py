@@ -81,7 +81,7 @@ def test_success_rejection_and_failure_are_distinguished(
     assert status["hardware_id"] == "Mugg"
     assert status["name"] == "mindstage: /unreal/set_model_pose"
     values = {each["key"]: each["value"] for each in status["values"]}
-    assert values == {"id": "Mugg", "kind": "BodyUnknown"}
+    assert values == {"id": "Mugg", "code": "BodyNotFoundError"}
 
 
 def test_a_failed_engine_is_reported_by_every_service(knowledge: KnowledgeBase) -> None:

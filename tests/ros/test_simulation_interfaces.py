@@ -60,7 +60,7 @@ def test_all_entities_are_listed_with_their_states(call: Call, simulation: Simul
         ({"filter": "^Fridge"}, {"Fridge", "FridgeDoor", "FridgeHandle"}),
         ({"filter": "Handle$"}, {"DrawerHandle", "FridgeHandle"}),
         ({"categories": [{"category": 4}]}, {"Drawer", "FridgeDoor", "Mug"}),
-        ({"categories": [{"category": 5}, {"category": 1}], "filter": "r"},
+        ({"categories": [{"category": 5}, {"category": 0}], "filter": "r"},
          {"Floor", "Cupboard", "Fridge", "DrawerHandle", "FridgeHandle"}),
         ({"tags": {"tags": ["Cup", "Door"]}}, {"Mug", "FridgeDoor"}),
         ({"tags": {"tags": ["Cup", "SemLog/Id=Mug"], "filter_mode": 1}}, {"Mug"}),

@@ -44,7 +44,7 @@ ROUND = Pose((2.0, 0.0, 0.85), (0.5, 0.5, -0.5, 0.5))
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.undo_stack.move(MUG, replace(ROUND, position=(2.0, 0.25, 0.85)))
         sim.step(2.5)
@@ -147,9 +147,9 @@ def test_the_frame_of_a_joint_is_fixed_to_what_it_moves_for_either_order_of_its_
     slide = world.joints[0]
     for joint in (slide, replace(slide, parent=slide.child, child=slide.parent)):
         (found,) = joint_frames(replace(world, joints=(joint,)), [world])
-        assert (found.moving, found.holder) == (DRAWER, "Cupboard")
+        assert (found.moving, found.fixed) == (DRAWER, "Cupboard")
         assert found.moving_from_joint[:3] == pytest.approx([0.0, 0.0, 0.0])
-        assert found.holder_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
+        assert found.fixed_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
     moved = replace(
         world, bodies=tuple(replace(each, pose=ROUND) if each.id == DRAWER else each for each in world.bodies)
     )
@@ -157,7 +157,7 @@ def test_the_frame_of_a_joint_is_fixed_to_what_it_moves_for_either_order_of_its_
     assert found.moving_from_joint[:3] == pytest.approx([0.0, 0.0, 0.0]), "as it was spawned"
     (found,) = joint_frames(replace(world, joints=(slide,)), [])
     assert found.moving_from_joint[:3] == pytest.approx([0.0, 0.0, 0.0]), "where it is, if a client has added it"
-    assert found.holder_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
+    assert found.fixed_from_joint[:3] == pytest.approx([-0.05, 0.0, 0.25])
 
 
 @pytest.mark.parametrize("first", ["Floor", "Cupboard", "Drawer", "FridgeDoor"])

@@ -164,7 +164,7 @@ def test_errors_of_messages_are_published_on_the_diagnostics(
     send({"type": "cube"})
     send({"ns": "a", "type": 10, "mesh_resource": "package://x/y.stl"})
     send({"ns": "a", "type": 1, "header": {"frame_id": "nobody"}})
-    local_node.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": "Mug"})
+    local_node.publish("/unreal/highlight", "mindstage_msgs/HighlightGroup", {"ids": "Mug"})
     eventually(lambda: len(diagnostics) >= 4)
     texts = " | ".join(text for _, text in diagnostic_texts(diagnostics))
     assert "markers[0].type: expected int, got str" in texts
@@ -180,12 +180,12 @@ def test_highlight_messages_have_labels(
     diagnostics: list[Any] = []
     local_node.subscribe("/mindstage/diagnostics", diagnostics.append)
     local_node.publish(
-        "/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug", "nobody"], "color": RED, "label": "mine"}
+        "/unreal/highlight", "mindstage_msgs/HighlightGroup", {"ids": ["Mug", "nobody"], "color": RED, "label": "mine"}
     )
     eventually(lambda: simulation.state.highlight_groups)
     assert [(group.ids, group.color, group.label) for group in simulation.state.highlight_groups] == [
         (("Mug",), (1, 0, 0), "mine")
     ]
     eventually(lambda: [id for id, _ in diagnostic_texts(diagnostics)] == ["nobody"])
-    local_node.publish("/unreal/highlight", "mindstage_msgs/LitBodies", {"ids": ["Mug"], "label": "mine"})
+    local_node.publish("/unreal/highlight", "mindstage_msgs/HighlightGroup", {"ids": ["Mug"], "label": "mine"})
     eventually(lambda: not simulation.state.highlight_groups)

@@ -169,7 +169,7 @@ def test_material_colors_have_an_error_and_names_have_none() -> None:
     paler = replace(wood, color=(0.5, 0.5, 0.125))
     found = diff(with_mug(materials=(steel, wood)), with_mug(materials=(steel, paler)))
     assert rows(found) == [("Mug", "materials[1].color", 0.25)]
-    assert found.max_error["colour"] == 0.25
+    assert found.max_error["color"] == 0.25
     found = diff(with_mug(materials=(wood,)), with_mug(materials=(steel,)))
     assert rows(found) == [("Mug", "materials", None)]
     found = diff(with_mug(materials=(wood,)), with_mug(materials=(replace(wood, color=None),)))
@@ -323,7 +323,7 @@ def test_the_json_has_the_documented_fields() -> None:
     assert data["only_in_a"] == ["Floor"]
     assert data["only_in_b"] == []
     assert data["lost_facts"] == 3
-    assert {"id": "Mug", "said": "SemLog;Id,Mug"} in data["lost"]
+    assert {"id": "Mug", "note": "SemLog;Id,Mug"} in data["lost"]
     by_field = {row["field"]: row for row in data["changed"]}
     assert by_field["pose.position"] == {
         "id": "Mug",

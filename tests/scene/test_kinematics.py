@@ -6,7 +6,7 @@ import pytest
 from tests.engines.scenes import body, fixed_joint, prismatic_joint, revolute_joint
 
 from mindstage.scene import AngularLimits, AxisMotion, Body, Joint, LinearLimits, Mobility, Tag
-from mindstage.scene.kinematics import joint_displacement, joint_reach, moving_body
+from mindstage.scene.joint_kinematics import joint_displacement, joint_reach, moving_body
 
 DRAWER = prismatic_joint("slide", "cabinet", "drawer", (0, 0, 0), limit=0.4)
 DOOR = revolute_joint("hinge", "case", "door", (0, 0, 0), limit=1.5)

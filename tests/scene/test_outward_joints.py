@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
 from mindstage.scene import AngularLimits, AxisMotion, Body, Joint, LinearLimits, Mobility, Pose, Tag, World
-from mindstage.scene.kinematics import (
+from mindstage.scene.joint_kinematics import (
     ObservedBox,
     OutwardJoint,
     axis_ranges,
@@ -19,8 +19,8 @@ from mindstage.scene.kinematics import (
     handles_by_body,
     outward_joints,
 )
-from mindstage.scene.model import BodyId, Iri, JointMimic
 from mindstage.scene.transforms import quat_multiply, quat_rotate
+from mindstage.scene.world_model import BodyId, Iri, JointMimic
 
 YAWS = (0.0, pi / 2, pi, 0.7)
 

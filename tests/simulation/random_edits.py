@@ -134,7 +134,7 @@ class RandomEdits:
             self._knowledge.load(world)
         is_bundled = isinstance(world, str)
         self.sim = self._stack.enter_context(
-            Simulation(self._knowledge, start.engine(), shapes=is_bundled, timeout_s=120.0)
+            Simulation(self._knowledge, start.engine(), primitive_shapes=not is_bundled, timeout_s=120.0)
         )
         self.sim.spawn(None if is_bundled else world)
         self.json_check = _JsonCheck()
@@ -144,7 +144,7 @@ class RandomEdits:
             self._add_robot(random.Random(1))
         self._copy: Simulation | None = None
         if start.watched:
-            self._copy = self._stack.enter_context(self.sim.imagine())
+            self._copy = self._stack.enter_context(self.sim.fork())
             self._copied = seen(self._copy)
             self._episode = folder / "soak.mcap"
             self._episode.unlink(missing_ok=True)

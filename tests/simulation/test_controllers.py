@@ -39,7 +39,7 @@ class Counter:
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield sim
 
@@ -102,7 +102,7 @@ def test_a_copy_has_its_own_controllers(sim: Simulation) -> None:
     counter = Counter()
     sim.add_controller("counter", counter)
     sim.step(0.05)
-    with sim.imagine(threaded=False) as copy:
+    with sim.fork(threaded=False) as copy:
         copied = copy._controllers.controllers["counter"]
         copy.step(0.1)
         assert len(copied.times) == 15

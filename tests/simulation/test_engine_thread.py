@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from mindstage.engines.base import RebuildTime
 from mindstage.errors import SimulationThreadError, SimulationTimeoutError
-from mindstage.simulation.engine_thread import EditHold, EngineThread
+from mindstage.simulation.engine_thread import EngineThread, TickDelay
 
 TIMEOUT_S = 20.0
 SHORT_S = 0.2
@@ -230,7 +230,7 @@ class Clock:
 
 def test_edits_in_a_row_delay_the_ticks_until_they_pause() -> None:
     clock = Clock()
-    hold = EditHold(now=clock)
+    hold = TickDelay(now=clock)
     assert hold.remaining_s() == 0.0
     for _ in range(10):
         hold.add_edit()
@@ -242,7 +242,7 @@ def test_edits_in_a_row_delay_the_ticks_until_they_pause() -> None:
 
 def test_an_edit_that_is_prepared_extends_a_delay_but_starts_none() -> None:
     clock = Clock()
-    hold = EditHold(now=clock)
+    hold = TickDelay(now=clock)
     with hold.preparing():
         assert hold.remaining_s() == 0.0
         hold.add_edit()
@@ -258,7 +258,7 @@ def test_an_edit_that_is_prepared_extends_a_delay_but_starts_none() -> None:
 
 def test_edits_without_a_pause_delay_the_ticks_for_a_limited_time() -> None:
     clock = Clock()
-    hold = EditHold(now=clock)
+    hold = TickDelay(now=clock)
     start_s = clock.now_s
     while True:
         hold.add_edit()
@@ -271,7 +271,7 @@ def test_edits_without_a_pause_delay_the_ticks_for_a_limited_time() -> None:
 @given(st.floats(0.0, 100.0))
 def test_the_delay_grows_with_the_time_of_a_rebuild(rebuild_s: float) -> None:
     clock = Clock()
-    hold = EditHold(now=clock)
+    hold = TickDelay(now=clock)
     hold.add_edit()
     with hold.rebuilding():
         assert hold.remaining_s() == 0.0
@@ -282,7 +282,7 @@ def test_the_delay_grows_with_the_time_of_a_rebuild(rebuild_s: float) -> None:
 
 def test_a_tick_without_edits_is_no_rebuild() -> None:
     clock = Clock()
-    hold = EditHold(now=clock)
+    hold = TickDelay(now=clock)
     with hold.rebuilding():
         clock.now_s += 2.0
     hold.add_edit()

@@ -78,7 +78,7 @@ def raising(error: BaseException) -> Callable[[], object]:
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, timeout_s=TIMEOUT_S) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=TIMEOUT_S) as sim:
         sim.spawn(kitchenette())
         sim.step(0.01)
         yield sim
@@ -126,7 +126,7 @@ def test_a_controller_that_raises_in_a_step_raises_there_and_only_there(sim: Sim
 
 
 def test_an_interrupt_of_a_simulation_without_a_thread_reaches_its_caller() -> None:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False, threaded=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True, threaded=False) as sim:
         controller = Controller(raising(KeyboardInterrupt()))
         sim.add_controller("arm", controller)
         with pytest.raises(KeyboardInterrupt):
@@ -255,7 +255,7 @@ class FailingEngine(NullEngine):
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_an_engine_that_raises_pauses_the_simulation(error: BaseException) -> None:
     engine = FailingEngine()
-    with Simulation(KnowledgeBase(), engine, shapes=False, timeout_s=TIMEOUT_S) as sim:
+    with Simulation(KnowledgeBase(), engine, primitive_shapes=True, timeout_s=TIMEOUT_S) as sim:
         sim.play()
         wait_until(lambda: sim.state.time_s > 0.0)
         engine.error = error
@@ -274,7 +274,7 @@ def test_an_engine_that_raises_pauses_the_simulation(error: BaseException) -> No
 
 def test_a_controller_that_does_not_return_is_named_after_the_timeout() -> None:
     may_end = threading.Event()
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, timeout_s=0.5) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=0.5) as sim:
         sim.spawn(kitchenette(), timeout_s=TIMEOUT_S)
         stuck = Controller(lambda: may_end.wait(TIMEOUT_S))
         sim.add_controller("stuck arm", stuck)

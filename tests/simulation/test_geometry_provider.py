@@ -120,15 +120,17 @@ def test_given_geometry_takes_precedence_over_shape_rules(sim: Simulation, engin
 def test_without_shapes_bodies_have_the_primitives_of_the_map(
     knowledge: KnowledgeBase, engine: RecordingEngine
 ) -> None:
-    with Simulation(knowledge, engine, shapes=False) as sim:
+    with Simulation(knowledge, engine, primitive_shapes=True) as sim:
         assert shape_notes(sim.spawn(kitchenette())) == []
         assert dict(sim.geometry) == {}
     assert engine.spawned == [NO_GEOMETRY]
 
 
-@pytest.mark.parametrize(("shapes", "others"), [(True, 7), (False, 0)])
-def test_meshes_are_used_with_and_without_shape_rules(knowledge: KnowledgeBase, shapes: bool, others: int) -> None:
-    with Simulation(knowledge, NullEngine(), shapes=shapes, meshes=Meshes()) as sim:
+@pytest.mark.parametrize(("primitive_shapes", "others"), [(False, 7), (True, 0)])
+def test_meshes_are_used_with_and_without_shape_rules(
+    knowledge: KnowledgeBase, primitive_shapes: bool, others: int
+) -> None:
+    with Simulation(knowledge, NullEngine(), primitive_shapes=primitive_shapes, meshes=Meshes()) as sim:
         report = sim.spawn(kitchenette())
         assert sim.geometry[BodyId("Mug")] is Meshes.mesh
         assert len(sim.geometry) == 1 + others

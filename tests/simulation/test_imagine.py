@@ -30,7 +30,7 @@ MUG, DRAWER, FRIDGE, DOOR = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge"), B
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.step(0.5)
         yield sim
@@ -70,7 +70,7 @@ def test_everything_works_in_a_copy_and_the_original_stays_bit_for_bit_the_same(
 ) -> None:
     before, bits = kitchen.snapshot(), state_bits(kitchen)
     worlds, reports, revision = kitchen.worlds, kitchen.reports, kitchen.state.revision
-    with kitchen.imagine(threaded=threaded) as copy:
+    with kitchen.fork(threaded=threaded) as copy:
         assert state_bits(copy) == bits
         assert (dict(copy.robots), copy.worlds, copy.reports) == ({}, worlds, reports)
         mug = copy.place("CoffeeMug", on="table")
@@ -90,7 +90,7 @@ def test_everything_works_in_a_copy_and_the_original_stays_bit_for_bit_the_same(
 
 
 def test_a_copy_continues_exactly_as_its_original(sim: Simulation) -> None:
-    with sim.imagine() as copy, copy.imagine(threaded=False) as copy_of_copy:
+    with sim.fork() as copy, copy.fork(threaded=False) as copy_of_copy:
         for each in (sim, copy, copy_of_copy):
             each.undo_stack.move(MUG, Pose((0.5, -2.0, 1.0)))
             each.step(1.0)
@@ -98,17 +98,17 @@ def test_a_copy_continues_exactly_as_its_original(sim: Simulation) -> None:
 
 
 def test_a_copy_can_play_in_real_time_only_with_a_thread(sim: Simulation) -> None:
-    with sim.imagine(threaded=False) as copy, pytest.raises(SimulationError, match="without a thread"):
+    with sim.fork(threaded=False) as copy, pytest.raises(SimulationError, match="without a thread"):
         copy.play()
-    with sim.imagine() as copy:
+    with sim.fork() as copy:
         copy.play()
         assert copy.state.playing
         assert not sim.state.playing
 
 
 def test_open_copies_are_listed_until_they_are_closed(sim: Simulation) -> None:
-    with sim.imagine() as first:
-        second = sim.imagine()
+    with sim.fork() as first:
+        second = sim.fork()
         assert sim.imaginations == (first, second)
         assert second.origin is not None
         assert second.origin.original is sim
@@ -121,7 +121,7 @@ def test_open_copies_are_listed_until_they_are_closed(sim: Simulation) -> None:
 
 class TestCommit:
     def test_the_edits_of_a_copy_are_made_in_the_original(self, sim: Simulation) -> None:
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
             copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
             put = copy.place(copy.make_body("Bowl", size=(0.1, 0.1, 0.05)), on="Fridge")
@@ -139,7 +139,7 @@ class TestCommit:
 
     def test_undone_edits_are_not_made(self, sim: Simulation) -> None:
         before = sim.snapshot()
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.undo_stack.delete([MUG])
             copy.undo_stack.undo()
             copy.undo_stack.move(FRIDGE, Pose((4.0, 4.0, 1.0)))
@@ -157,7 +157,7 @@ class TestCommit:
         ],
     )
     def test_it_is_refused_if_the_original_has_changed(self, sim: Simulation, change: object, reason: str) -> None:
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.undo_stack.move(DRAWER, copy.snapshot().body(DRAWER).pose)
             change(sim)  # type: ignore[operator]
             with pytest.raises(CommitError, match=reason):
@@ -165,7 +165,7 @@ class TestCommit:
 
     def test_time_that_passed_in_the_original_is_no_change_if_nothing_moved(self, sim: Simulation) -> None:
         sim.step(5.0)
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=3.0), label="mass")
             sim.step(1.0)
             assert len(copy.commit()) == 1
@@ -173,7 +173,7 @@ class TestCommit:
     def test_it_is_refused_without_an_original_and_after_a_reset(self, sim: Simulation) -> None:
         with pytest.raises(CommitError, match="not a copy"):
             sim.commit()
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.reset()
             with pytest.raises(CommitError, match="reset"):
                 copy.commit()
@@ -186,7 +186,7 @@ class TestCommit:
                 raise BodyNotFoundError("Mug", known=[])
             return apply(edit)
 
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
             copy.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
             sim.run_on_engine(lambda engine: setattr(engine, "apply", refuse))
@@ -195,7 +195,7 @@ class TestCommit:
 
 
 def test_an_engine_that_cannot_be_forked_is_copied_to_mujoco_from_its_snapshot() -> None:
-    with Simulation(KnowledgeBase(), SlowEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), SlowEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         sim.step(0.5)
         assert sim.joint(DOOR).open(0.5)
@@ -203,7 +203,7 @@ def test_an_engine_that_cannot_be_forked_is_copied_to_mujoco_from_its_snapshot()
         sim.undo_stack.attach("Fridge", "Mug")
         sim.undo_stack.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
         before = sim.snapshot()
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             assert copy.engine_name == "mujoco"
             assert copy.origin is not None
             assert "slow cannot be forked" in copy.origin.notes[0]
@@ -222,7 +222,7 @@ def test_a_running_godot_world_is_imagined_in_mujoco(godot: Path) -> None:
         sim.step(0.5)
         assert sim.joint("fridge_door").open(0.5).arrived
         before = sim.snapshot()
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             assert copy.origin is not None
             assert "godot cannot be forked" in copy.origin.notes[0]
             found = diff(before, copy.snapshot())
@@ -232,7 +232,7 @@ def test_a_running_godot_world_is_imagined_in_mujoco(godot: Path) -> None:
             assert copy.joint("fridge_door").close().arrived
             assert diff(before, sim.snapshot()).identical(0.0)
             sim.step(0.1)
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.undo_stack.delete([BodyId("chair_1")])
             copy.commit()
         assert BodyId("chair_1") not in sim.state.ids
@@ -244,7 +244,7 @@ def test_a_remote_world_is_imagined_in_mujoco() -> None:
         served.simulation.spawn(kitchenette())
         with ms.connect(served.address) as sim:
             before = sim.snapshot()
-            with sim.imagine() as copy:
+            with sim.fork() as copy:
                 assert copy.origin is not None
                 assert "cannot be forked" in copy.origin.notes[0]
                 assert diff(before, copy.snapshot()).identical(1e-4)
@@ -294,7 +294,7 @@ class TestImages:
             pickle.dumps(sim)
 
     def test_engines_without_physics_have_images(self) -> None:
-        with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as sim:
+        with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine(), primitive_shapes=True) as sim:
             sim.spawn(kitchenette())
             image = pickle.loads(pickle.dumps(SimulationImage.capture(sim)))
             assert diff(sim.snapshot(), image.restore().snapshot()).identical(0.0)
@@ -333,9 +333,9 @@ def edited(sim: Simulation) -> None:
 
 @pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
 def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engine]) -> None:
-    with Simulation(KnowledgeBase(), engine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), engine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             edited(copy)
             copy.undo_stack.delete([BodyId("FridgeHandle")])
             done = copy.commit()
@@ -345,7 +345,7 @@ def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engin
         assert done[-3:] == ("label of Mug", "materials of Mug", "FridgeHandle deleted")
         mug = sim.snapshot().body(MUG)
         assert (mug.label, mug.materials) == ("My mug", (STEEL,))
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             copy.run_on_engine(lambda engine: engine.clear(), edits=True)
             assert copy.commit() == ("clear world",)
         assert sim.state.ids == ()
@@ -353,7 +353,7 @@ def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engin
 
 @pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
 def test_an_engine_is_given_the_state_of_another_world(engine: type[Engine]) -> None:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         edited(sim)
         present, worlds = sim.snapshot(), sim.worlds

@@ -82,7 +82,7 @@ def test_a_joint_with_parent_and_child_swapped_opens_too(sim: Simulation) -> Non
 def test_a_door_whose_handle_was_deleted_opens_the_same_way() -> None:
     found = []
     for deleted in ([], [BodyId("FridgeHandle")]):
-        with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as simulation:
+        with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
             simulation.spawn(kitchenette())
             door = simulation.joint("FridgeDoor")
             simulation.undo_stack.delete(deleted)
@@ -124,7 +124,7 @@ def test_of_two_limits_it_opens_to_the_one_where_its_handle_is_farther_away() ->
             Attachment(parent=cupboard.id, child=mug.id),
         )
         world = replace(kitchen, bodies=(cupboard, drawer, handle, mug), joints=(slide,), attachments=attachments)
-        with Simulation(ms.KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as sim:
+        with Simulation(ms.KnowledgeBase(bundled_ontology=False), NullEngine(), primitive_shapes=True) as sim:
             sim.spawn(world)
             assert sim.joint("Drawer").range == pytest.approx((-0.45, 0.45))
             assert sim.joint("Drawer").open_position == pytest.approx(side)
@@ -175,7 +175,7 @@ def test_unequal_limits_hold_for_either_order_of_the_bodies(
     low, high = (-0.1, 0.5) if joint is SLIDE else (-0.2, 0.8)
     # positions are those of the child against the parent
     sign = -1.0 if is_swapped else 1.0
-    with Simulation(ms.KnowledgeBase(bundled_ontology=False), engine(), shapes=False) as sim:
+    with Simulation(ms.KnowledgeBase(bundled_ontology=False), engine(), primitive_shapes=True) as sim:
         sim.spawn(shelf(joint, is_swapped=is_swapped))
         found = sim.joint("box")
         assert found.range == pytest.approx((low, high))
@@ -206,7 +206,7 @@ def test_a_joint_that_follows_another_one_moves_it(multiplier: float) -> None:
         linear=LinearLimits(y=AxisMotion.LIMITED, limit=1.0),
     )
     slide = replace(SLIDE, mimic=JointMimic(joint=BodyId("master"), multiplier=multiplier, offset=0.1))
-    with Simulation(ms.KnowledgeBase(bundled_ontology=False), MujocoEngine(), shapes=False) as sim:
+    with Simulation(ms.KnowledgeBase(bundled_ontology=False), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(shelf(slide, is_swapped=False, more=(master,)))
         assert sim.joint("slide").move_to(0.3)
         # 0.3 = multiplier * position + 0.1

@@ -58,7 +58,7 @@ def test_lines_and_points_are_in_the_frame_of_the_marker(type: MarkerType) -> No
 
 def test_a_strip_joins_all_points_and_a_list_each_pair() -> None:
     points = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0), (2.0, 1.0, 0.0))
-    bars = [len(item_of(type, points=points).visuals[0].faces) // 12 for type in (MarkerType.LINE_STRIP, "lines")]
+    bars = [len(item_of(type, points=points).visuals[0].faces) // 12 for type in (MarkerType.LINE_STRIP, "line_list")]
     assert bars == [3, 2]
 
 
@@ -87,7 +87,7 @@ def test_a_picture_shows_every_kind_of_marker(type: MarkerType) -> None:
         id="m",
         type=type,
         pose=Pose((0.0, 0.0, 1.0)),
-        size=(0.3, 0.3, 0.3) if type not in {"line", "lines", "points"} else (0.05, 0.0, 0.0),
+        size=(0.3, 0.3, 0.3) if type not in {"line_strip", "line_list", "points"} else (0.05, 0.0, 0.0),
         color=(1.0, 0.0, 1.0),
         points=line,
         text="marker",

@@ -59,7 +59,7 @@ class Failing(Log):
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield sim
 
@@ -98,7 +98,7 @@ def test_a_highlight_is_reported_with_its_color(sim: Simulation) -> None:
 
 
 def test_a_pull_and_its_end_are_reported_with_where_it_acts() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         log = Log()
         sim.observe(log)

@@ -29,7 +29,7 @@ INVALID_DURATIONS = [-1.0, -1e-300, math.nan, math.inf, 1e308, 3600.5]
 
 
 def simulation_of(engine: Engine) -> Simulation:
-    simulation = Simulation(KnowledgeBase(), engine, shapes=False, timeout_s=TIMEOUT_S)
+    simulation = Simulation(KnowledgeBase(), engine, primitive_shapes=True, timeout_s=TIMEOUT_S)
     simulation.spawn(kitchenette())
     return simulation
 
@@ -77,7 +77,7 @@ def test_a_speed_beyond_the_limit_is_refused_with_its_range(speed: float) -> Non
 @pytest.mark.parametrize("duration_s", INVALID_DURATIONS)
 @pytest.mark.parametrize("threaded", [True, False], ids=["thread", "no thread"])
 def test_a_duration_beyond_the_limit_is_refused_and_no_time_passes(duration_s: float, threaded: bool) -> None:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False, threaded=threaded) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True, threaded=threaded) as sim:
         sim.step(0.5)
         with pytest.raises(InvalidArgumentError, match=r"duration_s.*from 0 to 3600 s"):
             sim.step(duration_s)
@@ -196,7 +196,7 @@ def test_the_state_after_an_edit_has_the_time_that_a_rebuild_is_expected_to_take
 
 
 def test_the_reports_of_edits_have_the_time_that_a_rebuild_is_expected_to_take() -> None:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, timeout_s=TIMEOUT_S) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=TIMEOUT_S) as sim:
         spawned = sim.spawn(kitchenette())
         assert spawned.expected_rebuild_s == sim.state.expected_rebuild_s > 0.0
         placed = sim.place("Mug", on="Fridge")

@@ -226,5 +226,5 @@ def test_the_arrays_of_a_published_state_cannot_be_written(sim: Simulation) -> N
         with pytest.raises(ValueError, match="read-only"):
             sim.state.poses[0, 0] = 1.0
         sim.step(0.1)
-    with sim.imagine(threaded=False) as copy, pytest.raises(ValueError, match="read-only"):
+    with sim.fork(threaded=False) as copy, pytest.raises(ValueError, match="read-only"):
         copy.state.poses += 1.0

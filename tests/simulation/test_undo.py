@@ -34,7 +34,7 @@ THERE = Pose((0.5, -2.0, 0.05))
 
 @pytest.fixture(params=[NullEngine, MujocoEngine])
 def sim(request: pytest.FixtureRequest) -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(bundled_ontology=False), request.param(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(bundled_ontology=False), request.param(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield sim
 
@@ -276,7 +276,7 @@ def test_a_pull_acts_on_the_far_side_of_a_door_that_is_the_parent_of_its_joint(s
 
 def test_a_pull_opens_a_door_in_physics() -> None:
     engine: Engine = MujocoEngine()
-    with Simulation(KnowledgeBase(bundled_ontology=False), engine, shapes=False) as sim:
+    with Simulation(KnowledgeBase(bundled_ontology=False), engine, primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         joint = hinge(sim)
         pull = joint.pull_target("swing1", -0.5, poses(sim))
@@ -318,7 +318,7 @@ def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: 
 
 @pytest.fixture
 def physics() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(bundled_ontology=False), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(bundled_ontology=False), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield sim
 

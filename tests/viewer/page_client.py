@@ -19,9 +19,9 @@ __all__ = ["PageClient", "RequestFailedError", "connect_page_client"]
 class RequestFailedError(Exception):
     """The server responded with an error."""
 
-    def __init__(self, type: str, text: str) -> None:
-        self.type = type
-        super().__init__(f"{type}: {text}")
+    def __init__(self, code: str, text: str) -> None:
+        self.code = code
+        super().__init__(f"{code}: {text}")
 
 
 class PageClient:
@@ -45,7 +45,7 @@ class PageClient:
         wait_until(lambda: self.receive() and number in self._replies, f"{method!r} is answered")
         reply = self._replies.pop(number)
         if "error" in reply:
-            raise RequestFailedError(reply["error"]["type"], reply["error"]["message"])
+            raise RequestFailedError(reply["error"]["code"], reply["error"]["message"])
         return reply
 
     def receive(self) -> bool:

@@ -54,7 +54,7 @@ class Adding(Tools):
 
 @pytest.fixture
 def adding() -> Iterator[Adding]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         adding = Adding(sim)
         adding.look((2.0, 0.0, 6.0), (2.0, 0.0, 0.0))
@@ -62,8 +62,8 @@ def adding() -> Iterator[Adding]:
 
 
 # from 5.2 m above the cupboard, whose half picture is 2.6 m high; its upper edge is north
-BESIDE_THE_MUG = {"class": CUP, "pointer": (0.0, 0.2 / 2.6), "size": SIZE}
-NOWHERE = {"class": CUP, "pointer": (0.0, 0.0), "size": SIZE}
+BESIDE_THE_MUG = {"cls": CUP, "pointer": (0.0, 0.2 / 2.6), "size": SIZE}
+NOWHERE = {"cls": CUP, "pointer": (0.0, 0.0), "size": SIZE}
 
 
 def test_a_ghost_is_where_the_body_would_be_put_down_in_the_views_of_its_page(adding: Adding) -> None:
@@ -114,7 +114,7 @@ def test_where_nothing_is_there_is_no_ghost_and_nothing_is_dropped(adding: Addin
 
 
 def test_where_it_does_not_fit_the_ghost_is_red_and_the_reason_is_given(adding: Adding) -> None:
-    large = {"class": CUP, "pointer": (0.0, 0.1 / 2.6), "size": (3.0, 3.0, 0.5)}
+    large = {"cls": CUP, "pointer": (0.0, 0.1 / 2.6), "size": (3.0, 3.0, 0.5)}
     offer = adding.ask("hover", **large)
     assert offer["on"] is None
     assert offer["reason"]
@@ -128,18 +128,18 @@ def test_where_it_does_not_fit_the_ghost_is_red_and_the_reason_is_given(adding: 
 
 def test_a_body_is_added_where_the_camera_of_the_page_looks(adding: Adding) -> None:
     adding.look((2.0, 0.2, 6.0), (2.0, 0.2, 0.0))
-    seen = adding.ask("add", size=SIZE, **{"class": CUP})
+    seen = adding.ask("add", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(seen)).pose.position == pytest.approx((2.0, 0.2, 0.85), abs=0.03)
     adding.sim.undo_stack.undo()
     assert seen not in adding.sim.state.ids
 
 
 def test_a_body_is_added_at_a_point_or_on_a_body(adding: Adding) -> None:
-    there = adding.ask("add", at=(0.5, -1.5, 2.0), size=SIZE, **{"class": CUP})
+    there = adding.ask("add", position=(0.5, -1.5, 2.0), size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(there)).pose.position == pytest.approx((0.5, -1.5, 2.052))
-    blind = adding.ask("add", "none", size=SIZE, **{"class": CUP})
+    blind = adding.ask("add", "none", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(blind)).pose.position == pytest.approx((0.0, 0.0, 0.052))
-    on = adding.ask("add", on="Fridge", size=SIZE, **{"class": CUP})
+    on = adding.ask("add", on="Fridge", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(on)).pose.position[2] == pytest.approx(1.85, abs=0.01)
     for id in (on, blind, there):
         adding.sim.undo_stack.undo()

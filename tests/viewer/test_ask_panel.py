@@ -21,7 +21,7 @@ PATIENCE_MS = 60_000
 def simulation() -> Iterator[Simulation]:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Simulation(knowledge, NullEngine(), shapes=False) as simulation:
+    with Simulation(knowledge, NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn()
         yield simulation
 

@@ -229,7 +229,7 @@ def test_a_trail_has_the_moving_bodies_at_equal_distances_of_time() -> None:
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KNOWLEDGE, NullEngine(), shapes=False) as sim:
+    with Simulation(KNOWLEDGE, NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(WORLD)
         yield sim
 
@@ -248,7 +248,7 @@ def test_each_open_copy_is_a_layer_until_it_is_closed(
 
     assert update() == []
     nodes.show("end poses", [group(MUG, (8, 0, 0))], APPEARANCES)
-    first, second = sim.imagine(), sim.imagine()
+    first, second = sim.fork(), sim.fork()
     first.undo_stack.move(MUG, Pose((1.0, 0.0, 0.85)))
     second.undo_stack.move(MUG, Pose((2.0, 0.0, 1.35)))
     second.undo_stack.move(DRAWER, Pose((1.75, 0.0, 0.65)))
@@ -269,7 +269,7 @@ def test_each_open_copy_is_a_layer_until_it_is_closed(
     second.undo_stack.delete([FLOOR])
     update()
     assert nodes.layers == {"end poses", "copy 1"}, "nothing is elsewhere in the second one any more"
-    third = sim.imagine()
+    third = sim.fork()
     third.undo_stack.move(MUG, Pose((3.0, 0.0, 0.85)))
     first.close()
     found = update()

@@ -124,8 +124,8 @@ def test_the_simulation_is_played_paused_stepped_and_reset(physics_simulation: S
         ("set_clipping_height", {"height": "high"}),
         ("set_labels", {"mode": "some"}),
         ("undo", {}),
-        ("add", {"class": "NoSuchClassAtAll"}),
-        ("add", {"class": "Cup", "size": [0.1, 0.1, -1.0]}),
+        ("add", {"cls": "NoSuchClassAtAll"}),
+        ("add", {"cls": "Cup", "size": [0.1, 0.1, -1.0]}),
         ("save", {"dialect": "klingon"}),
         ("save", {"format": "mjcf"}),
         ("save", {"format": "tscn"}),
@@ -138,7 +138,7 @@ def test_invalid_requests_are_refused_and_change_nothing(
     before = physics_simulation.snapshot()
     with pytest.raises(RequestFailedError) as refused:
         client.ask(what, **arguments)
-    assert refused.value.type != "Defect", str(refused.value)
+    assert refused.value.code != "Defect", str(refused.value)
     assert "there is no such method" not in str(refused.value)
     assert physics_simulation.snapshot() == before
 
@@ -209,16 +209,16 @@ def test_a_body_is_added_where_the_camera_of_its_page_looks(page: Viewer, physic
             return bool(shown.camera.look_at.tolist() == [-1.0, -1.5, 0.0])
 
         wait_until(is_turned, "the camera is turned")
-        seen = client.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
+        seen = client.ask("add", **{"cls": "Cup", "size": [0.1, 0.1, 0.1]})
         assert at(physics_simulation, seen)[:2] == pytest.approx((-1.0, -1.5))
-        elsewhere = other.ask("add", **{"class": "Cup", "size": [0.1, 0.1, 0.1]})
+        elsewhere = other.ask("add", **{"cls": "Cup", "size": [0.1, 0.1, 0.1]})
         assert at(physics_simulation, elsewhere)[:2] == pytest.approx((0.0, 0.0)), "that page has no view"
 
 
 def test_details_include_storage_places_from_the_ontology() -> None:
     knowledge = KnowledgeBase()
     knowledge.load(bundled_kitchen())
-    with Simulation(knowledge, MujocoEngine(), shapes=False, timeout_s=60.0) as simulation:
+    with Simulation(knowledge, MujocoEngine(), primitive_shapes=True, timeout_s=60.0) as simulation:
         simulation.spawn()
         milk = next(body.id for body in simulation.snapshot().bodies if "Milk" in body.cls)
         with Viewer(simulation, port=0) as viewer, connect_page_client(viewer.url) as client:
@@ -359,7 +359,7 @@ def test_classes_are_found_by_a_part_of_the_name_best_match_first(client: PageCl
 
 
 def test_a_body_is_added_and_the_addition_undone(physics_simulation: Simulation, client: PageClient) -> None:
-    id = client.ask("add", **{"class": f"{KNOWROB}Cup", "at": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
+    id = client.ask("add", **{"cls": f"{KNOWROB}Cup", "position": [0.5, -1.0, 0.0], "size": [0.08, 0.08, 0.1]})
     cup = physics_simulation.snapshot().body(id)
     assert (cup.size, cup.physics.mobility) == ((0.08, 0.08, 0.1), Mobility.DYNAMIC)
     assert cup.pose.position == pytest.approx((0.5, -1.0, 0.052))
@@ -372,7 +372,7 @@ def test_a_body_is_added_and_the_addition_undone(physics_simulation: Simulation,
 
 
 def test_a_body_is_added_on_another_one(physics_simulation: Simulation, client: PageClient) -> None:
-    id = client.ask("add", **{"class": "Cup", "on": "Cupboard", "size": [0.08, 0.08, 0.1]})
+    id = client.ask("add", **{"cls": "Cup", "on": "Cupboard", "size": [0.08, 0.08, 0.1]})
     assert at(physics_simulation, id)[2] == pytest.approx(0.85, abs=0.01)
     client.ask("undo")
     assert id not in physics_simulation.state.ids
@@ -478,7 +478,7 @@ def test_invalid_maps_are_refused_and_change_nothing(
     before, knowledge = physics_simulation.snapshot(), physics_simulation.knowledge
     with pytest.raises(RequestFailedError) as refused:
         client.ask("load", name=name, text=text)
-    assert refused.value.type != "Defect", str(refused.value)
+    assert refused.value.code != "Defect", str(refused.value)
     assert "root:" not in str(refused.value)
     assert physics_simulation.snapshot() == before
     assert physics_simulation.knowledge is knowledge
@@ -491,7 +491,7 @@ def test_nothing_runs_in_a_description_that_a_page_loads(
     before = physics_simulation.snapshot()
     with pytest.raises(RequestFailedError, match=r"robot\.urdf: .* is written in xacro") as refused:
         client.ask("load", name="robot.urdf", text=hostile_urdf(kind, tmp_path / "marker"))
-    assert refused.value.type == "XacroRefused"
+    assert refused.value.code == "XacroRefusedError"
     assert "/tmp" not in str(refused.value).replace(str(tmp_path), "")
     assert not (tmp_path / "marker").exists()
     assert physics_simulation.snapshot() == before
@@ -517,7 +517,7 @@ def test_uploaded_maps_that_import_something_are_refused_with_its_name(
     else:
         imports = f'<owl:Ontology rdf:about="http://x#"><owl:imports rdf:resource="{name}"/></owl:Ontology></rdf:RDF>'
         text = client.ask("save")["text"].replace("</rdf:RDF>", imports)
-    with pytest.raises(RequestFailedError, match=f"ReferenceRefused.*imports {re.escape(name)}"):
+    with pytest.raises(RequestFailedError, match=f"ReferenceRefusedError.*imports {re.escape(name)}"):
         client.ask("load", name=f"map.{dialect}", text=text)
     assert physics_simulation.snapshot() == before
     assert physics_simulation.knowledge is knowledge
@@ -528,7 +528,7 @@ def test_uploaded_maps_must_not_refer_to_meshes_by_absolute_paths(
 ) -> None:
     before = physics_simulation.snapshot()
     world = _with_mesh(before, "file:///home/somebody/face.stl")
-    with pytest.raises(RequestFailedError, match=r"ResourceRefused.*is not granted"):
+    with pytest.raises(RequestFailedError, match=r"ResourceRefusedError.*is not granted"):
         client.ask("load", name="map.owl", text=write_map(world))
     assert physics_simulation.snapshot() == before
     loaded = client.ask("load", name="map.owl", text=write_map(_with_mesh(before, "package://kitchen/mug.stl")))

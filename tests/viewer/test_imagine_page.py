@@ -10,7 +10,7 @@ import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.access.limits import GHOSTS
-from mindstage.imagination import Verdict, imagine
+from mindstage.imagination import Verdict, evaluate_plan
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import SetPoses
 from mindstage.viewer import Viewer
@@ -45,7 +45,7 @@ def viewer(simulation: Simulation) -> Iterator[Viewer]:
 
 @pytest.fixture(scope="module")
 def verdict(simulation: Simulation) -> Verdict:
-    return imagine(simulation, EDGE, samples=12, width=None, seed=4)
+    return evaluate_plan(simulation, EDGE, samples=12, width=None, seed=4)
 
 
 @pytest.fixture
@@ -133,9 +133,9 @@ def test_a_plan_is_canceled_from_another_page(
 
     def slow(simulation: Simulation, plan: object, **options: object) -> Verdict:
         begun.set()
-        return imagine(simulation, plan, **{**options, "width": None, "samples": 100_000})  # type: ignore[arg-type]
+        return evaluate_plan(simulation, plan, **{**options, "width": None, "samples": 100_000})  # type: ignore[arg-type]
 
-    monkeypatch.setattr(panel, "imagine", slow)
+    monkeypatch.setattr(panel, "evaluate_plan", slow)
     tab.page.locator("[data-role=plan]").fill(EDGE)
     tab.click_button("imagine")
     assert begun.wait(60.0)
@@ -151,7 +151,7 @@ def test_a_plan_is_canceled_from_another_page(
 def test_open_copies_are_drawn_as_ghosts_until_they_are_closed(
     tab: PageTab, viewer: Viewer, simulation: Simulation
 ) -> None:
-    with simulation.imagine() as first, simulation.imagine() as second:
+    with simulation.fork() as first, simulation.fork() as second:
         first.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.5, 0.0, 1.0))})))
         second.place("Mug", on="Fridge")
         wait_until(lambda: len([each for each in layers(viewer) if each.startswith("copy")]) == 2, "both are drawn")
@@ -189,7 +189,7 @@ def test_ghosts_are_seen_in_the_view(
 def test_what_a_plan_adds_is_drawn_as_a_member_of_its_class(
     viewer: Viewer, simulation: Simulation, tab: PageTab
 ) -> None:
-    verdict = imagine(simulation, "{steps: [{do: place, thing: CoffeeMaker, on: Fridge}]}")
+    verdict = evaluate_plan(simulation, "{steps: [{do: place, thing: CoffeeMaker, on: Fridge}]}")
     viewer.show_verdict(verdict)
     wait_until(lambda: layers(viewer) == {"end poses"}, "the mug is drawn")
     drawn = {id for _, id in viewer._imagine._nodes._nodes}

@@ -29,7 +29,7 @@ LONG = "steps:\n  - {do: wait, duration_s: 3000, deadline_s: 4000}\ndeadline_s: 
 
 @pytest.fixture
 def sim() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), MujocoEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield sim
 
@@ -159,7 +159,7 @@ def test_an_error_while_a_plan_runs_is_shown_and_another_plan_can_be_run(
         raise error
 
     with monkeypatch.context() as patch:
-        patch.setattr(panel, "imagine" if method == "imagine" else "act", fail)
+        patch.setattr(panel, "evaluate_plan" if method == "imagine" else "act", fail)
         page.ask(method, plan=STAYS)
         assert ended(page) == {"state": "error", "error": text}
     page.ask("imagine", plan=STAYS, samples=1)
@@ -167,7 +167,7 @@ def test_an_error_while_a_plan_runs_is_shown_and_another_plan_can_be_run(
 
 
 def test_an_engine_without_physics_is_imagined_by_one_with_it() -> None:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         with Viewer(sim, port=0) as viewer:
             page = FakePage(viewer.channel)
@@ -178,7 +178,7 @@ def test_an_engine_without_physics_is_imagined_by_one_with_it() -> None:
 
 
 def test_open_copies_are_listed_with_how_many_bodies_are_elsewhere(page: FakePage, sim: Simulation) -> None:
-    with sim.imagine() as copy:
+    with sim.fork() as copy:
         copy.undo_stack.move(MUG, Pose((0.0, -1.0, 0.05)))
         wait_until(lambda: (page.latest_value("copies") or {}).get("copies"), "it is listed")
         wait_until(lambda: page.latest_value("copies")["copies"][0]["differing"] == 1, "the mug is elsewhere")

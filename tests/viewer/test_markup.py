@@ -90,7 +90,7 @@ def simulation(tmp_path: Path) -> Iterator[Simulation]:
     """A place from such a map, with a body whose id and a title that a client has chosen."""
     knowledge = KnowledgeBase()
     knowledge.load(hostile_map(tmp_path / "file <img src=x onerror=top.hacked=1>.ttl"))
-    with Simulation(knowledge, NullEngine(), shapes=False) as simulation:
+    with Simulation(knowledge, NullEngine(), primitive_shapes=True) as simulation:
         mug = replace(kitchenette().body("Mug"), id=ID, pose=Pose((2.0, 0.0, 2.0)))
         simulation.spawn(World(iri=Iri(f"{MAP}spawned"), name=markup("world"), bodies=(mug,)))
         simulation.spawn()
@@ -190,7 +190,7 @@ def hostile_recording() -> FrameRecording:
     """A short episode of a mug with markup in all names."""
     kitchen = kitchenette()
     bodies = tuple(replace(body, id=ID) if body.id == "Mug" else body for body in kitchen.bodies)
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as simulation:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(replace(kitchen, bodies=bodies))
         spawned, state = simulation.worlds, simulation.state
     event = EpisodeEvent(

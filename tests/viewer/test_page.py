@@ -204,7 +204,7 @@ def test_five_thousand_bodies_are_a_few_rows(open_page: OpenPage) -> None:
         replace(mug, id=BodyId(f"Mug{n}"), iri=Iri(f"{mug.iri}{n}"), pose=Pose((n % 70 * 0.2, n // 70 * 0.2, 0.1)))
         for n in range(5000)
     )
-    with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine(), shapes=False) as simulation:
+    with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(World(iri=Iri("http://x#many"), bodies=mugs))
         with Viewer(simulation, port=0) as viewer:
             tab = open_page(viewer)

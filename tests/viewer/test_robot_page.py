@@ -287,12 +287,12 @@ def test_a_page_gets_all_joints_with_their_limits_and_groups(fake: FakePage, rob
             "name": joint.name,
             "lower": joint.lower,
             "upper": joint.upper,
-            "slides": "prismatic" in joint.type.value,
+            "is_prismatic": "prismatic" in joint.type.value,
             "group": groups.get(joint.name, ""),
         }
         for joint in model.actuated_joints
     ]
-    assert any(each["slides"] for each in found["joints"])
+    assert any(each["is_prismatic"] for each in found["joints"])
     assert found["sensors"] == [f"{each.name} ({each.type.value})" for each in model.sensors] != []
     assert "/" not in found["source"]
 

@@ -51,7 +51,7 @@ def test_a_mindstage_error_is_an_error_response(channel: RpcChannel, client: Pag
         raise BodyNotFoundError("Cupp", known=["Cup"])
 
     channel.register("look", Nothing, refuse, EDIT)
-    with pytest.raises(RequestFailedError, match="BodyUnknown: no body 'Cupp'; near: 'Cup'"):
+    with pytest.raises(RequestFailedError, match="BodyNotFoundError: no body 'Cupp'; near: 'Cup'"):
         client.ask("look")
 
 
@@ -153,7 +153,7 @@ def test_too_many_pending_requests_are_refused(channel: RpcChannel, client: Page
     for number in range(-6, 0):
         client.socket.send(json.dumps({"id": number, "method": "wait"}))
     refused = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(2)]
-    assert [reply["error"]["type"] for reply in refused] == ["TooMany", "TooMany"]
+    assert [reply["error"]["code"] for reply in refused] == ["RequestLimitError", "RequestLimitError"]
     released.set()
     answered = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
     assert all(reply["result"] is True for reply in answered)
@@ -169,7 +169,7 @@ def test_the_rate_of_requests_is_limited() -> None:
             for number in range(4):
                 client.socket.send(json.dumps({"id": number, "method": "ask"}))
             replies = [json.loads(client.socket.recv(timeout=TIMEOUT_S)) for _ in range(4)]
-            assert {reply["error"]["type"] for reply in replies} == {"TooMany"}
+            assert {reply["error"]["code"] for reply in replies} == {"RequestLimitError"}
     finally:
         shut_down(server)
         slow.close()

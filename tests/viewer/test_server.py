@@ -158,7 +158,7 @@ def test_the_token_is_exchanged_for_a_cookie(channel: RpcChannel) -> None:
 def test_a_request_is_answered_and_an_invalid_one_refused_with_the_reason(server: viser.ViserServer) -> None:
     with connect_page_client(address(server)) as client:
         assert client.ask("echo", text="grüß \N{SNOWMAN}") == "grüß ☃"
-        with pytest.raises(RequestFailedError, match=r"RequestRefused: 'echo' .*`\$\.text`"):
+        with pytest.raises(RequestFailedError, match=r"InvalidRequestError: 'echo' .*`\$\.text`"):
             client.ask("echo", text=5)
         with pytest.raises(RequestFailedError, match="unknown field `more`"):
             client.ask("echo", text="", more=1)
@@ -181,7 +181,7 @@ def test_malformed_messages_are_answered_with_errors(server: viser.ViserServer) 
         ):
             client.socket.send(garbage)
             reply = json.loads(client.socket.recv(timeout=TIMEOUT_S))
-            assert reply["error"]["type"] == "RequestRefused", garbage
+            assert reply["error"]["code"] == "InvalidRequestError", garbage
         assert client.ask("echo", text="still there") == "still there"
 
 

@@ -48,7 +48,7 @@ class SilentEngine(NullEngine):
 
 @pytest.fixture
 def simulation() -> Iterator[Simulation]:
-    with Simulation(KnowledgeBase(), BusyEngine(), shapes=False) as simulation:
+    with Simulation(KnowledgeBase(), BusyEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(kitchenette())
         yield simulation
 
@@ -76,7 +76,7 @@ def test_the_status_contains_the_statistics_of_the_engine(
 
 
 def test_an_engine_without_statistics_is_not_queried(channel: RpcChannel) -> None:
-    with Simulation(KnowledgeBase(), SilentEngine(), shapes=False) as simulation:
+    with Simulation(KnowledgeBase(), SilentEngine(), primitive_shapes=True) as simulation:
         StatusHandler(simulation, channel).publish(simulation.state)
         assert simulation.state.stats is None
     assert FakePage(channel).latest_value("status")["statistics"] is None
@@ -142,7 +142,7 @@ def test_the_report_contains_assumptions_and_findings_about_maps(channel: RpcCha
     broken.write_text(text.replace("1.000000 0.000000 0.000000 0.000000", "upright", 1), encoding="utf-8")
     knowledge = KnowledgeBase()
     knowledge.load(broken)
-    with Simulation(knowledge, NullEngine(), shapes=False) as simulation:
+    with Simulation(knowledge, NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn()
         StatusHandler(simulation, channel)
         report = FakePage(channel).ask("status.report")

@@ -211,7 +211,7 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(World(iri=kitchenette().iri, name="Ann's  kitchen / 2", bodies=kitchenette().bodies))
         with (
             Viewer(sim, port=0) as viewer,

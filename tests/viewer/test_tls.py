@@ -99,8 +99,8 @@ def test_wrong_tokens_of_the_page_are_limited_and_the_cookie_is_not() -> None:
 
 def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates) -> None:
     tls = certificates.local
-    command = [sys.executable, "-m", "mindstage", "serve", "--engine", "null", "--viewport", "--json", "--port", "0"]
-    command += ["--page-port", "0", "--tls-cert", str(tls.certificate), "--tls-key", str(tls.key)]
+    command = [sys.executable, "-m", "mindstage", "serve", "--engine", "null", "--viewer", "--json", "--port", "0"]
+    command += ["--viewer-port", "0", "--tls-cert", str(tls.certificate), "--tls-key", str(tls.key)]
     command += ["--limit", "connections=8"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
@@ -111,7 +111,7 @@ def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates)
                 text += line
             output = json.loads(text + "}")
             assert output["url"].startswith("wss://")
-            host = output["page"].removeprefix("https://")
+            host = output["viewer"].removeprefix("https://")
             context = client_tls_context(certificates.authority)
             connection = http.client.HTTPSConnection(host, context=context, timeout=TIMEOUT_S)
             connection.request("GET", "/")

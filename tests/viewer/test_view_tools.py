@@ -93,7 +93,7 @@ class Tools:
 
 @pytest.fixture
 def tools() -> Iterator[Tools]:
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         yield Tools(sim)
 
@@ -167,7 +167,7 @@ def test_walls_are_met_only_from_the_room() -> None:
     cls = Iri(world.body("Fridge").cls.replace("Refrigerator", "Wall"))
     iri = Iri(world.body("Fridge").iri + "Wall")
     wall = Body(id=BodyId("Wall"), iri=iri, cls=cls, pose=Pose((5.0, 0.0, 1.25)), size=(0.1, 6.0, 2.5))
-    with Simulation(KnowledgeBase(), NullEngine(), shapes=False) as sim:
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(replace(world, bodies=(*world.bodies, wall)))
         tools = Tools(sim)
         tools.look((4.0, 0.0, 1.0), (6.0, 0.0, 1.0), 1)

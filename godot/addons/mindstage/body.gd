@@ -91,4 +91,4 @@ func inertia() -> Dictionary:
 
 ## Its collision shapes in its own frame.
 func collision_shapes() -> Array:
-	return physics_model.get("solids", [])
+	return physics_model.get("collision_shapes", [])

@@ -35,7 +35,7 @@ static func shape_transform(data: Dictionary) -> Transform3D:
 
 static func _make_shape(data: Dictionary) -> Shape3D:
 	var size: Vector3 = MindstageFrames.extents(data["size"])
-	match data.get("kind", "box"):
+	match data.get("type", "box"):
 		"sphere" when _is_equal(size.x, size.y) and _is_equal(size.y, size.z):
 			var sphere: SphereShape3D = SphereShape3D.new()
 			sphere.radius = size.x / 2.0
@@ -56,7 +56,7 @@ static func _make_shape(data: Dictionary) -> Shape3D:
 
 static func _make_mesh(data: Dictionary) -> Mesh:
 	var size: Vector3 = MindstageFrames.extents(data["size"])
-	match data.get("kind", "box"):
+	match data.get("type", "box"):
 		"box":
 			var box: BoxMesh = BoxMesh.new()
 			box.size = size
@@ -77,14 +77,14 @@ static func _make_mesh(data: Dictionary) -> Mesh:
 
 static func _hull_points(data: Dictionary, size: Vector3) -> PackedVector3Array:
 	var corners: PackedVector3Array = []
-	if data.get("kind") == "hull":
+	if data.get("type") == "hull":
 		for point: Array in data.get("points", []):
 			corners.append(MindstageFrames.vector_from(point))
 		return corners
 	for ring: int in _RINGS + 1:
 		var height: float = cos(PI * ring / _RINGS)
 		var radius: float = sin(PI * ring / _RINGS)
-		if data.get("kind") == "cylinder":
+		if data.get("type") == "cylinder":
 			height = 1.0 if ring % 2 == 0 else -1.0
 			radius = 1.0
 		for step: int in 2 * _RINGS:

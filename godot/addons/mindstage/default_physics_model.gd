@@ -33,7 +33,7 @@ static func plan(world_model: MindstageWorldModel, rows: PackedFloat64Array, kno
 		joints[id] = _joint(world_model, joint_data, rows)
 		if joint_data.get("disable_collision") != false:
 			excluded_pairs.append([joint_data["parent"], joint_data["child"]])
-	return {"bodies": bodies, "joints": joints, "apart": excluded_pairs}
+	return {"bodies": bodies, "joints": joints, "excluded_pairs": excluded_pairs}
 
 
 ## The root body of a body's rigid group.
@@ -64,7 +64,7 @@ static func _body_model(
 		"mobility": kind,
 		"gravity": body.physics().get("gravity") != false,
 		"mass_kg": mass if kind == "dynamic" else 0.0,
-		"solids": body.geometry.get("solids", [{"kind": shape.get("kind", "box"), "size": size}]),
+		"collision_shapes": body.geometry.get("collision_shapes", [{"type": shape.get("type", "box"), "size": size}]),
 	}
 	if top != id:
 		model["hold"] = relative(rows, world_model.bodies[top].row, body.row)

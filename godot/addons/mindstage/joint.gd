@@ -74,9 +74,9 @@ static func axes_of(joint_data: Dictionary) -> Array[PackedFloat64Array]:
 	var angular: Dictionary = joint_data.get("angular", {})
 	var found: Array[PackedFloat64Array] = []
 	for name: String in ["x", "y", "z"]:
-		found.append(_axis(linear, name, "limit", linear.get("soft", {})))
+		found.append(_axis(linear, name, "limit", linear.get("soft_limit", {})))
 	for name: String in ["twist", "swing2", "swing1"]:
-		var soft: Dictionary = angular.get("twist_soft" if name == "twist" else "swing_soft", {})
+		var soft: Dictionary = angular.get("twist_soft_limit" if name == "twist" else "swing_soft_limit", {})
 		found.append(_axis(angular, name, name + "_limit", soft))
 	return found
 

@@ -14,16 +14,16 @@ const POSE: Dictionary = {"position": POINT, "orientation": QUATERNION}
 const COLOR: Dictionary = {"r": 0.0, "g": 0.0, "b": 0.0, "a": 0.0}
 const FORCE: Dictionary = {"id": "", "force": POINT, "at_point": false, "point": POINT}
 const REFUSAL: Dictionary = {
-	"kind": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "near": [""]
+	"code": "", "text": "", "body": "", "parent": "", "child": "", "reason": "", "world": "", "suggestions": [""]
 }
 const FAILURE: Dictionary = {"id": "", "reason": ""}
 const NOTE: Dictionary = {"kind": "", "ids": [""], "text": ""}
 const REPORT: Dictionary = {
 	"bodies": 0,
-	"constraints": 0,
+	"joints": 0,
 	"attachments": 0,
 	"failed_bodies": [FAILURE],
-	"failed_constraints": [FAILURE],
+	"failed_joints": [FAILURE],
 	"failed_attachments": [FAILURE],
 	"notes": [NOTE],
 }
@@ -43,7 +43,7 @@ const SERVICES: Dictionary = {
 	"spawn_world":
 	{
 		"type": "mindstage_msgs/SpawnWorld",
-		"request": {"world": "", "forms": "", "plan": ""},
+		"request": {"world": "", "geometries": "", "plan": ""},
 		"response": {"success": false, "refusal": REFUSAL, "report": REPORT, "expected_rebuild_s": 0.0},
 	},
 	"log_world":
@@ -74,7 +74,7 @@ const SERVICES: Dictionary = {
 	"highlight":
 	{
 		"type": "mindstage_msgs/Highlight",
-		"request": {"ids": [""], "lit": false, "color": COLOR},
+		"request": {"ids": [""], "highlighted": false, "color": COLOR},
 		"response": RESULT,
 	},
 	"get_highlights":

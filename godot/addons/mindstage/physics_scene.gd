@@ -14,7 +14,7 @@ const _PHYSICS_KEYS: Array[String] = [
 	"gravity",
 	"mass_kg",
 	"ghost",
-	"solids",
+	"collision_shapes",
 	"friction",
 	"restitution",
 	"on_ground",
@@ -61,7 +61,7 @@ func apply(model_change: Dictionary) -> void:
 	for id: String in rebuilt_groups:
 		_rebuild(id, motions)
 	_joint_builder.apply(model_change.get("joints", {}), rebuilt_groups)
-	_update_exclusions(model_change.get("apart", []), model_change.get("together", []), rebuilt_groups)
+	_update_exclusions(model_change.get("excluded_pairs", []), model_change.get("included_pairs", []), rebuilt_groups)
 	_set_poses(model_change.get("poses", {}), changed_regions)
 	_wake(changed_regions)
 

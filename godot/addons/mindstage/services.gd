@@ -60,14 +60,14 @@ func _describe(_request: Dictionary) -> Response:
 			"time_s": simulation.clock.time_s(),
 			"format_version": MindstageWorldModel.FORMAT_VERSION,
 			"session": session,
-			"takes": ["forms", "plan"],
+			"takes": ["geometries", "plan"],
 		}
 	)
 
 
 func _spawn_world(request: Dictionary) -> Response:
 	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
-	var reason: String = simulation.spawn(request["world"], request["forms"], request["plan"], result)
+	var reason: String = simulation.spawn(request["world"], request["geometries"], request["plan"], result)
 	if reason:
 		return _failed(reason)
 	var failed: bool = not (
@@ -128,7 +128,7 @@ func _set_label(request: Dictionary) -> Response:
 
 func _highlight(request: Dictionary) -> Response:
 	var rgba: Dictionary = request["color"]
-	var color: Color = Color(rgba["r"], rgba["g"], rgba["b"], 1.0) if request["lit"] else Color(0, 0, 0, 0)
+	var color: Color = Color(rgba["r"], rgba["g"], rgba["b"], 1.0) if request["highlighted"] else Color(0, 0, 0, 0)
 	return _result(simulation.highlight(request["ids"], color))
 
 
@@ -276,7 +276,7 @@ static func _result(refusal: Dictionary) -> Response:
 
 ## A result that succeeded, or failed with a WorldError if there is a reason.
 static func _world_error(reason: String) -> Response:
-	return _result({"kind": "WorldError", "text": reason} if reason else {})
+	return _result({"code": "WorldError", "text": reason} if reason else {})
 
 
 static func _failed(text: String) -> Response:
@@ -287,11 +287,11 @@ static func _failed(text: String) -> Response:
 
 ## An error message followed by a line of JSON with its fields, see `mindstage.bridge.description.error_text`.
 static func _unsupported(what: String, remedy: String) -> Response:
-	var facts: Dictionary = {"kind": "EngineUnable", "engine": ENGINE, "what": what, "remedy": remedy}
+	var facts: Dictionary = {"code": "UnsupportedByEngineError", "engine": ENGINE, "what": what, "remedy": remedy}
 	return _failed("the engine '%s' cannot %s; %s\n%s" % [ENGINE, what, remedy, JSON.stringify(facts)])
 
 
 func _unstable(what: String) -> Response:
-	var facts: Dictionary = {"kind": "SimulationUnstable", "time_s": simulation.clock.time_s(), "what": what}
+	var facts: Dictionary = {"code": "SimulationDivergedError", "time_s": simulation.clock.time_s(), "what": what}
 	var text: String = "the simulation became unstable at %.3f s: %s" % [simulation.clock.time_s(), what]
 	return _failed("%s\n%s" % [text, JSON.stringify(facts)])

@@ -66,7 +66,7 @@ func spawn(world: String, geometries: String, plan: String, result: MindstageWor
 	for body: MindstageBody in result.bodies:
 		var warning: String = MindstageVisuals.build(body)
 		if warning:
-			result.notes.append({"kind": "untold", "ids": [body.id], "text": warning})
+			result.notes.append({"kind": "unstated", "ids": [body.id], "text": warning})
 		MindstageOverlapArea.update(self, body)
 	for id: String in result.lights:
 		lights[id] = MindstageLights.make(MindstageJsonText.read(world_model.lights[id]))
@@ -113,7 +113,7 @@ func attach(parent: String, child: String, plan: String) -> Dictionary:
 	var reason: String = world_model.attachment_error(parent, child)
 	if reason:
 		var text: String = "'%s' cannot be attached to '%s': %s" % [child, parent, reason]
-		return {"kind": "AttachmentRefused", "text": text, "parent": parent, "child": child, "reason": reason}
+		return {"code": "AttachmentError", "text": text, "parent": parent, "child": child, "reason": reason}
 	var before: MindstageUndoSnapshot = _snapshot()
 	update_poses()
 	world_model.parents.erase(child)
@@ -146,7 +146,7 @@ func set_pose(id: String, pose: Dictionary, plan: String) -> Dictionary:
 	var reason: String = MindstageWorldModel.pose_error(pose)
 	if reason:
 		var text: String = "'%s' cannot be placed there: %s" % [id, reason]
-		return {"kind": "PoseUnreachable", "text": text, "body": id, "reason": reason}
+		return {"code": "PoseUnreachableError", "text": text, "body": id, "reason": reason}
 	var before: MindstageUndoSnapshot = _snapshot()
 	update_poses()
 	physics_scene.apply(
@@ -326,10 +326,10 @@ func _assign_geometry(text: String, result: MindstageWorldModel.SpawnResult) -> 
 		return
 	var data: Variant = MindstageJsonText.read(text)
 	if not data is Dictionary:
-		push_error("Mindstage: the forms are not a JSON object; collision shapes are shown instead")
+		push_error("Mindstage: the geometries are not a JSON object; collision shapes are shown instead")
 		return
 	var keys: Dictionary = data.get("bodies", {})
-	var geometries: Dictionary = data.get("forms", {})
+	var geometries: Dictionary = data.get("geometries", {})
 	for body: MindstageBody in result.bodies:
 		body.geometry = geometries.get(keys.get(body.id, ""), {})
 

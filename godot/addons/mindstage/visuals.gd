@@ -92,7 +92,7 @@ static func load_meshes(file: String) -> Array:
 ## The folder of the geometry files.
 static func folder() -> String:
 	var path: String = OS.get_environment("MINDSTAGE_FORMS")
-	return path if path else OS.get_cache_dir().path_join("mindstage/forms")
+	return path if path else OS.get_cache_dir().path_join("mindstage/meshes")
 
 
 static func _read(path: String) -> Array:
@@ -189,7 +189,7 @@ static func _show(body: MindstageBody, mesh: Mesh, xform: Transform3D, material:
 ## The color given in the map, or null.
 static func _map_color(body: MindstageBody) -> Variant:
 	for material: Dictionary in body.data.get("materials", []):
-		var color: Variant = material.get("colour")
+		var color: Variant = material.get("color")
 		if color is Array:
 			return Color(color[0], color[1], color[2])
 	return null
@@ -202,9 +202,9 @@ static func _default_material(body: MindstageBody) -> StandardMaterial3D:
 	var size: Vector3 = MindstageFrames.extents(body.physics_model.get("size", [0.1, 0.1, 0.1]))
 	if body.physics_model.get("ghost", false) and size[size.max_axis_index()] > _LARGE_M:
 		return _material(Color(0.8, 0.8, 0.8, _TRANSPARENT_ALPHA), {})
-	var surface: Variant = body.geometry.get("surface")
+	var surface: Variant = body.geometry.get("material")
 	if surface is Dictionary:
-		var color: Array = surface.get("colour", [0.8, 0.8, 0.8])
+		var color: Array = surface.get("color", [0.8, 0.8, 0.8])
 		return _material(Color(color[0], color[1], color[2], surface.get("opacity", 1.0)), surface)
 	return _class_material(str(body.data.get("cls", "")))
 

@@ -3,7 +3,7 @@ class_name MindstageWorldModel
 extends RefCounted
 ## The description of the world as received. The JSON texts are kept, so that all digits and facts are preserved.
 
-const FORMAT_VERSION: int = 1
+const FORMAT_VERSION: int = 2
 const _EMPTY_WORLD: String = "http://mindstage.org/maps/empty.owl#map"
 const _MAX_SUGGESTIONS: int = 3
 
@@ -37,10 +37,10 @@ class SpawnResult:
 	func report() -> Dictionary:
 		return {
 			"bodies": bodies.size(),
-			"constraints": joints.size(),
+			"joints": joints.size(),
 			"attachments": attachments.size(),
 			"failed_bodies": failed_bodies,
-			"failed_constraints": failed_joints,
+			"failed_joints": failed_joints,
 			"failed_attachments": failed_attachments,
 			"notes": notes,
 		}
@@ -88,7 +88,7 @@ func add(text: String, result: SpawnResult) -> String:
 	var parts: Dictionary[String, String] = MindstageJsonText.members(text)
 	_add_bodies(world.get("bodies", []), _texts(parts, "bodies"), result)
 	_add_lights(world.get("lights", []), _texts(parts, "lights"), result)
-	_add_joints(world.get("constraints", []), _texts(parts, "constraints"), result)
+	_add_joints(world.get("joints", []), _texts(parts, "joints"), result)
 	for attachment: Dictionary in world.get("attachments", []):
 		_add_attachment(str(attachment.get("parent", "")), str(attachment.get("child", "")), result)
 	(
@@ -156,7 +156,7 @@ func world_text(rows: PackedFloat64Array, deleted: Dictionary[String, bool]) -> 
 		"iri": _headers[0]["iri"] if _headers else JSON.stringify(_EMPTY_WORLD),
 		"name": _headers[0]["name"] if _headers else '""',
 		"bodies": MindstageJsonText.array(body_texts),
-		"constraints": MindstageJsonText.array(_joint_texts(deleted)),
+		"joints": MindstageJsonText.array(_joint_texts(deleted)),
 		"attachments": MindstageJsonText.array(attachment_texts),
 		"lights": MindstageJsonText.array(PackedStringArray(lights.values())),
 		"facts": MindstageJsonText.array(facts),
@@ -204,7 +204,7 @@ func _unknown_body_error(id: String) -> Dictionary:
 	var text: String = "no body '%s'%s" % [id, " in '%s'" % world if world else ""]
 	if suggestions:
 		text += "; near: " + ", ".join(suggestions.map(func(each: String) -> String: return "'%s'" % each))
-	return {"kind": "BodyUnknown", "text": text, "body": id, "world": world, "near": suggestions}
+	return {"code": "BodyNotFoundError", "text": text, "body": id, "world": world, "suggestions": suggestions}
 
 
 func _add_bodies(items: Array, texts: PackedStringArray, result: SpawnResult) -> void:

@@ -31,7 +31,7 @@ _TEXTURE_PIXELS = 512
 
 def geometry_cache_dir() -> Path:
     """The directory of the files."""
-    return cache_dir("forms")
+    return cache_dir("meshes")
 
 
 def cache_geometry_glb(geometry: BodyGeometry) -> str:

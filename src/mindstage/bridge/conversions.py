@@ -65,7 +65,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.colors import COLORS
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.model import FrozenStruct
+from mindstage.scene.world_model import FrozenStruct
 
 __all__ = [
     "FORMAT_VERSION",
@@ -105,13 +105,15 @@ _COLORS: dict[world_control_msgs.ColorCode, Color] = {
     world_control_msgs.ColorCode(code): color for code, color in enumerate(COLORS.values(), start=1)
 }
 WORLD_ERROR_FACTORIES: dict[str, Callable[[mindstage_msgs.Refusal], WorldError]] = {
-    "BodyUnknown": lambda message: BodyNotFoundError(message.body, known=message.near, world=message.world),
-    "BodyExists": lambda message: BodyExistsError(message.body),
-    "PoseUnreachable": lambda message: PoseUnreachableError(message.body, reason=message.reason),
-    "AttachmentRefused": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
+    "BodyNotFoundError": lambda message: BodyNotFoundError(
+        message.body, known=message.suggestions, world=message.world
+    ),
+    "BodyExistsError": lambda message: BodyExistsError(message.body),
+    "PoseUnreachableError": lambda message: PoseUnreachableError(message.body, reason=message.reason),
+    "AttachmentError": lambda message: AttachmentError(message.parent, message.child, reason=message.reason),
 }
 ENGINE_ERROR_TYPES: dict[str, type[EngineError]] = {
-    cls.code: cls
+    cls.__name__: cls
     for cls in (
         EngineUnavailableError,
         EngineTimeoutError,
@@ -209,21 +211,20 @@ def color_code(color: Color | None) -> world_control_msgs.ColorCode:
 
 def error_to_message(error: WorldError) -> mindstage_msgs.Refusal:
     """Converts an error of the world to a message."""
-    facts = dict(vars(error))
-    facts["near"] = facts.pop("suggestions", ())
+    facts = vars(error)
     fields = {name: facts[name] for name in mindstage_msgs.Refusal.__struct_fields__ if name in facts}
-    return mindstage_msgs.Refusal(kind=error.code, text=str(error), **fields)
+    return mindstage_msgs.Refusal(code=error.code, text=str(error), **fields)
 
 
 def message_to_error(message: mindstage_msgs.Refusal) -> WorldError:
     """Converts a message to an error of its class; a `WorldError` with the text if the class is unknown."""
-    factory = WORLD_ERROR_FACTORIES.get(message.kind)
+    factory = WORLD_ERROR_FACTORIES.get(message.code)
     return factory(message) if factory else WorldError(message.text)
 
 
 def error_text(error: EngineError) -> str:
     """Encodes an engine error as the text of a failed call."""
-    facts = {"kind": error.code, **vars(error)}
+    facts = {"code": error.code, **vars(error)}
     return f"{error}\n{msgspec.json.encode(facts).decode()}"
 
 
@@ -232,7 +233,7 @@ def error_from_text(text: str) -> EngineError:
     message, _, fields = text.partition("\n")
     try:
         values = msgspec.json.decode(fields, type=dict[str, str | float])
-        return ENGINE_ERROR_TYPES[str(values.pop("kind"))](**values)
+        return ENGINE_ERROR_TYPES[str(values.pop("code"))](**values)
     except (msgspec.MsgspecError, KeyError, TypeError):
         return EngineError(message)
 
@@ -346,7 +347,7 @@ class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """Effective mass: estimated if the map has none; 0 for a body that is not dynamic [kg]."""
     ghost: bool = False
     """Whether the body collides with nothing."""
-    solids: tuple[CollisionShape, ...] = ()
+    collision_shapes: tuple[CollisionShape, ...] = ()
     """Collision shapes, in the frame of the body."""
     friction: float | None = None
     """Coefficient of friction; None is the default of the engine."""
@@ -399,9 +400,9 @@ class PhysicsModelDelta(FrozenStruct, frozen=True, kw_only=True):
 
     bodies: dict[BodyId, BodyModelDelta] = msgspec.field(default_factory=dict)
     """New or changed bodies, by id."""
-    apart: tuple[tuple[BodyId, BodyId], ...] = ()
+    excluded_pairs: tuple[tuple[BodyId, BodyId], ...] = ()
     """Pairs of bodies that no longer collide."""
-    together: tuple[tuple[BodyId, BodyId], ...] = ()
+    included_pairs: tuple[tuple[BodyId, BodyId], ...] = ()
     """Pairs of bodies that collide again."""
     joints: dict[BodyId, JointModelDelta | None] = msgspec.field(default_factory=dict)
     """Active joints, by id; None for one that is removed."""
@@ -424,14 +425,6 @@ class GeometryMessage(
     FrozenStruct,
     frozen=True,
     kw_only=True,
-    rename={
-        "collision_shapes": "solids",
-        "reason": "why",
-        "shape_name": "kind",
-        "support_surfaces": "places",
-        "lights": "glows",
-        "material": "surface",
-    },
 ):
     """The JSON of a body geometry; fields that are missing have their defaults."""
 
@@ -451,7 +444,7 @@ class GeometryMessage(
     """Material of the collision shapes, if those are displayed."""
 
 
-class GeometryMapMessage(FrozenStruct, frozen=True, kw_only=True, rename={"geometries": "forms"}):
+class GeometryMapMessage(FrozenStruct, frozen=True, kw_only=True):
     """The JSON of the geometries of some bodies; equal geometries are listed once."""
 
     bodies: dict[BodyId, str] = msgspec.field(default_factory=dict)
@@ -503,7 +496,7 @@ def geometry_from_json(
     geometries = {key: _from_message(key, each, load_visuals) for key, each in message.geometries.items()}
     for id, key in message.bodies.items():
         if key not in geometries:
-            raise MessageValidationError("forms", path=f"bodies.{id}", cause=f"no geometry has the key {key!r}")
+            raise MessageValidationError("geometries", path=f"bodies.{id}", cause=f"no geometry has the key {key!r}")
     return {id: geometries[key] for id, key in message.bodies.items()}
 
 
@@ -527,11 +520,11 @@ def _from_message(
 ) -> BodyGeometry:
     if message.mesh and message.mesh != mesh_name(key):
         raise MessageValidationError(
-            "forms", path=f"forms.{key}.mesh", cause=f"{message.mesh!r} is not the mesh of this geometry"
+            "geometries", path=f"geometries.{key}.mesh", cause=f"{message.mesh!r} is not the mesh of this geometry"
         )
     for number, shape in enumerate(message.collision_shapes):
         if cause := _shape_error(shape):
-            raise MessageValidationError("forms", path=f"forms.{key}.solids[{number}]", cause=cause)
+            raise MessageValidationError("geometries", path=f"geometries.{key}.collision_shapes[{number}]", cause=cause)
     return BodyGeometry(
         key=key,
         visuals=load_visuals(message.mesh) if message.mesh else (),

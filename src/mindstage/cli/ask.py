@@ -35,7 +35,7 @@ from mindstage.cli.options import (
     SinceTime,
     StoreFolder,
     UntilTime,
-    WithViewport,
+    WithViewer,
     options_given,
 )
 from mindstage.cli.output import (
@@ -150,9 +150,9 @@ def _highlight_json(result: HighlightResult, color: Color | None) -> dict[str, o
     from mindstage.scene.colors import NO_COLOR, color_name
 
     return {
-        "colour": NO_COLOR if color is None else color_name(color),
-        "lit": [] if color is None else list(result.highlighted),
-        "not_lit": msgspec.to_builtins(result.unhighlighted),
+        "color": NO_COLOR if color is None else color_name(color),
+        "highlighted": [] if color is None else list(result.highlighted),
+        "not_highlighted": msgspec.to_builtins(result.unhighlighted),
     }
 
 
@@ -409,7 +409,7 @@ def ask(
     highlight: ColorOption = None,
     map_name: MapName = None,
     engine: EngineName = "mujoco",
-    with_viewport: WithViewport = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
     seconds: Seconds = None,
     as_json: AsJson = False,
@@ -431,7 +431,7 @@ def ask(
 
     if when or recorded.episode or recorded.episodes:
         _refuse_highlight(highlight)
-    shown = {"has_page": with_viewport, "port": port, "duration_s": seconds, "quiet": as_json}
+    shown = {"has_page": with_viewer, "port": port, "duration_s": seconds, "quiet": as_json}
     run = _highlight_run(context, highlight, engine, shown)
     with progress_spinner("loading"):
         knowledge = knowledge_with_episodes(
@@ -535,10 +535,10 @@ def _ask_running(
         for note in result.get("notes", ()):
             print_line(note)
         _print_received(get_question(result["question"]), result, why=why)
-        for item in result.get("not_lit", ()):
+        for item in result.get("not_highlighted", ()):
             warn(f"not highlighted: {item['id']}: {item['reason']}")
         if highlight is not None:
-            print_line(f"{len(result['lit'])} highlighted in {simulation.address}")
+            print_line(f"{len(result['highlighted'])} highlighted in {simulation.address}")
     return ExitCode.OK if result["answers"] else ExitCode.NEGATIVE
 
 
@@ -598,7 +598,7 @@ def _require_highlight(context: typer.Context) -> None:
     """
     from mindstage.errors import InvalidArgumentError
 
-    options = {"map_name": "--map-name", "engine": "--engine", "with_viewport": "--no-viewport"}
+    options = {"map_name": "--map-name", "engine": "--engine", "with_viewer": "--no-viewer"}
     options |= {"port": "--port", "seconds": "--for"}
     for option in options_given(context, options):
         raise InvalidArgumentError(option, cause="it requires --highlight", remedy="give --highlight COLOR too")

@@ -55,7 +55,7 @@ _PERFORM_TYPE = "mindstage_msgs/Perform"
 _CALL_TIMEOUT_S = 60.0
 """Longest time for a question, which has no time limit of its own [s]."""
 _MAX_MESSAGE_BYTES = 64 << 20
-_START_HINT = "start one with mindstage demo, spawn, serve or prolog --viewport, or give its address: ros://HOST:PORT"
+_START_HINT = "start one with mindstage demo, spawn, serve or prolog --viewer, or give its address: ros://HOST:PORT"
 
 
 class RunningSimulation:

@@ -14,7 +14,7 @@ import typer
 
 from mindstage.access.limits import Deadline as DeadlineNumber
 from mindstage.cli.attach import open_running, running_target
-from mindstage.cli.imagine import DEFAULT_TRIAL, PlanTrial, interruptible
+from mindstage.cli.evaluate import DEFAULT_TRIAL, PlanTrial, interruptible
 from mindstage.cli.options import (
     DEFAULT_SPAWN,
     AsJson,
@@ -31,8 +31,8 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
     from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
-    from mindstage.robots.model import RobotModel
     from mindstage.robots.robot import Robot
+    from mindstage.robots.robot_model import RobotModel
     from mindstage.robots.skills.declaration import SkillStep
     from mindstage.simulation import Simulation
 
@@ -68,10 +68,10 @@ SelfModelFile = Annotated[
         show_default=False,
     ),
 ]
-At = Annotated[
+BasePose = Annotated[
     str | None,
     typer.Option(
-        "--at",
+        "--pose",
         metavar="X,Y[,YAW]",
         help="Where the robot stands at the start [m, rad]; by default at a free place in the middle of the floor.",
         show_default=False,
@@ -126,7 +126,7 @@ def do(
     running: Running = None,
     robot: RobotName = "mobile_manipulator",
     self_model: SelfModelFile = None,
-    at: At = None,
+    pose: BasePose = None,
     plan: PlanOption = None,
     try_first: TryFirst = None,
     trial: PlanTrial = DEFAULT_TRIAL,
@@ -146,7 +146,7 @@ def do(
     task, sources = _arguments(command, plan, maps or [])
     wanted = _Wanted(
         task=task,
-        place=None if at is None else _pose(at),
+        pose=None if pose is None else _pose(pose),
         at_least=try_first,
         deadline_s=deadline,
         settle_s=settle,
@@ -164,7 +164,7 @@ class _Wanted:
     """What is to be done, and how."""
 
     task: str
-    place: tuple[float, float, float] | None
+    pose: tuple[float, float, float] | None
     at_least: float | None
     """The probability with which it is tried first; None if it is not tried."""
     deadline_s: float
@@ -182,7 +182,7 @@ def _do_in(spawned: SpawnedMap, model: RobotModel, wanted: _Wanted, *, verbose: 
     if not as_json and verbose:
         spawned.print()
     with progress_spinner("adding the robot"):
-        robot = add_standing_robot(simulation, model, wanted.place)
+        robot = add_standing_robot(simulation, model, wanted.pose)
     plan, notes = _task(wanted.task, simulation, deadline_s=wanted.deadline_s)
     if not as_json:
         x, y, yaw = robot.base_pose()
@@ -374,7 +374,9 @@ def _pose(text: str) -> tuple[float, float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in {2, 3} or not all(map(math.isfinite, numbers)):
-        raise InvalidArgumentError(f"--at {text}", cause="it is no place", remedy="give X,Y or X,Y,YAW, as in 1.0,0.5")
+        raise InvalidArgumentError(
+            f"--pose {text}", cause="it is no place", remedy="give X,Y or X,Y,YAW, as in 1.0,0.5"
+        )
     return numbers[0], numbers[1], numbers[2] if len(numbers) == 3 else 0.0
 
 

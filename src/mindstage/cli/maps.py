@@ -148,7 +148,7 @@ def validate(
 def _counts(world: World) -> dict[str, int]:
     return {
         "bodies": len(world.bodies),
-        "constraints": len(world.joints),
+        "joints": len(world.joints),
         "attachments": len(world.attachments),
         "lights": len(world.lights),
     }
@@ -213,12 +213,12 @@ def convert(
             format=name,
             dialect=chosen if kind.syntax else None,
             assets=() if kind.syntax else options.asset_folders(),
-            plain_shapes=options.plain_boxes,
+            primitive_shapes=options.primitive_shapes,
             godot=godot_program(),
         )
     dialect_written = dialect_name(world, knowledge, kind, chosen)
     if as_json:
-        output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "constraints": len(world.joints)}
+        output = {"map": world.iri, "out": str(out), "bodies": len(world.bodies), "joints": len(world.joints)}
         output |= {"format": name, "dialect": dialect_written, "notes": list(notes)}
         print_json(output | {"findings": findings_json(findings)} | import_summary(world, knowledge))
         return ExitCode.OK

@@ -86,7 +86,7 @@ __all__ = [
     "UntilTime",
     "VerbCommand",
     "Verbose",
-    "WithViewport",
+    "WithViewer",
     "close_at_end",
     "command",
     "discard_output",
@@ -333,7 +333,7 @@ def _print_error(error: Exception, message: str, *, as_json: bool) -> None:
     exit_if_terminated()
     try:
         if as_json:
-            print_json({"error": {"kind": getattr(error, "code", type(error).__name__), "message": message}})
+            print_json({"error": {"code": getattr(error, "code", type(error).__name__), "message": message}})
     except OSError:
         discard_output()
     with suppress(OSError):  # nothing more can be reported
@@ -381,7 +381,7 @@ Ontologies = Annotated[
     ),
 ]
 
-Robots = Annotated[
+UrdfFiles = Annotated[
     list[str] | None,
     typer.Option(
         "--urdf",
@@ -467,10 +467,11 @@ VisitorLimitOptions = Annotated[
     ),
 ]
 
-PlainBoxes = Annotated[
+PrimitiveShapes = Annotated[
     bool,
     typer.Option(
-        "--plain-boxes", help="Use only the primitive shape of the map for each body, without meshes and shape rules."
+        "--primitive-shapes",
+        help="Use only the primitive shape of the map for each body, without meshes and shape rules.",
     ),
 ]
 
@@ -556,7 +557,7 @@ class MapReading(OptionGroup):
 
     ontologies: Ontologies = None
     bundled: Bundled = True
-    robots: Robots = None
+    urdf: UrdfFiles = None
     xacro: ExpandXacro = False
     units: UnitNames = None
     frame: FrameNames = None
@@ -602,10 +603,10 @@ class ShapeOptions(MapChoice):
     """The options of every verb that reads a map and uses the shapes of its bodies."""
 
     assets: AssetFolders = None
-    plain_boxes: PlainBoxes = False
+    primitive_shapes: PrimitiveShapes = False
 
     def asset_folders(self) -> list[Path]:
-        """The folders of `--assets`; none with `--plain-boxes`, whose shapes need no files.
+        """The folders of `--assets`; none with `--primitive-shapes`, whose shapes need no files.
 
         Raises:
             SourceParseError: one of them does not exist.
@@ -614,7 +615,7 @@ class ShapeOptions(MapChoice):
             if not folder.is_dir():
                 cause = "there is no such folder; --assets takes folders of mesh files"
                 raise SourceParseError(str(folder), cause=cause)
-        return [] if self.plain_boxes else self.assets or []
+        return [] if self.primitive_shapes else self.assets or []
 
 
 DEFAULT_SHAPES = ShapeOptions()
@@ -700,9 +701,7 @@ Highlights = Annotated[
 ]
 HighlightColors = Annotated[
     list[str] | None,
-    typer.Option(
-        "--color", "--colour", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False
-    ),
+    typer.Option("--color", metavar="COLOR", help="The color of each --highlight, in order.", show_default=False),
 ]
 PictureSize = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="The size of the picture, in pixels.")]
 SecondsBefore = Annotated[WallTime, typer.Option("--for", metavar="SECONDS", help="Simulated time before the picture.")]
@@ -807,7 +806,7 @@ Seconds = Annotated[
     ),
 ]
 
-WithViewport = Annotated[bool, typer.Option(" /--no-viewport", help="Do not serve the page.", show_default=False)]
+WithViewer = Annotated[bool, typer.Option(" /--no-viewer", help="Do not serve the page.", show_default=False)]
 
 Closure = Annotated[
     bool,

@@ -442,10 +442,10 @@ def report_json(report: SpawnReport) -> dict[str, object]:
     return {
         "ok": report.ok,
         "bodies": report.bodies,
-        "constraints": report.joints,
+        "joints": report.joints,
         "attachments": report.attachments,
         "failed_bodies": msgspec.to_builtins(report.failed_bodies),
-        "failed_constraints": msgspec.to_builtins(report.failed_joints),
+        "failed_joints": msgspec.to_builtins(report.failed_joints),
         "failed_attachments": msgspec.to_builtins(report.failed_attachments),
         "warnings": msgspec.to_builtins(report.notes),
         "moved": msgspec.to_builtins(report.moved),
@@ -520,10 +520,10 @@ def diff_json(diff: WorldDiff, delta: float) -> dict[str, object]:
 
 def losses_json(diff: WorldDiff, lost: Sequence[Statement]) -> dict[str, object]:
     """The lost facts of a world and the lost statements of its map, each once, as a JSON object."""
-    lines = [{"id": _local_name(each.id), "said": str(each)} for each in lost]
-    known = {(line["id"], line["said"]) for line in lines}
+    lines = [{"id": _local_name(each.id), "note": str(each)} for each in lost]
+    known = {(line["id"], line["note"]) for line in lines}
     lines += [
-        {"id": each.id, "said": str(each)} for each in diff.lost if (_local_name(each.id), str(each)) not in known
+        {"id": each.id, "note": str(each)} for each in diff.lost if (_local_name(each.id), str(each)) not in known
     ]
     return {"lost_facts": len(lines), "lost": lines}
 

@@ -17,7 +17,7 @@ from mindstage.cli.options import (
     Seconds,
     Strict,
     Verbose,
-    WithViewport,
+    WithViewer,
 )
 from mindstage.cli.output import (
     Cell,
@@ -73,7 +73,7 @@ def place(
     out: Out = None,
     options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
-    with_viewport: WithViewport = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
     seconds: Seconds = None,
     verbose: Verbose = False,
@@ -99,7 +99,7 @@ def place(
             print_findings(findings, all=verbose, classes=class_lookup(knowledge))
             print_failures(report)
             _print_report(placement, verbose=verbose)
-        if out is None and with_viewport:
+        if out is None and with_viewer:
             print_and_serve(simulation, output, port=port, duration_s=seconds, as_json=as_json)
         else:
             _finish(simulation, output, placement, out, as_json=as_json)
@@ -139,7 +139,7 @@ def _omission(placement: PlacementReport) -> str:
 def _report_json(placement: PlacementReport) -> dict[str, object]:
     import msgspec
 
-    return {"put": msgspec.to_builtins(placement.placed), "unplaced": msgspec.to_builtins(placement.unplaced)}
+    return {"placed": msgspec.to_builtins(placement.placed), "unplaced": msgspec.to_builtins(placement.unplaced)}
 
 
 def _print_report(placement: PlacementReport, *, verbose: bool) -> None:
@@ -148,7 +148,7 @@ def _print_report(placement: PlacementReport, *, verbose: bool) -> None:
         for each in placement.placed
     ]
     if rows:
-        columns = ("item", "holder", "position [m]", "attempts")
+        columns = ("item", "support", "position [m]", "attempts")
         shown = len(columns) if verbose else len(columns) - 1
         print_table("Placed", columns[:shown], [row[:shown] for row in rows])
     for item in placement.unplaced:

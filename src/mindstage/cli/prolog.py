@@ -70,7 +70,7 @@ _Timeout = Annotated[Deadline, typer.Option("--timeout", metavar="SECONDS", help
 _Limit = Annotated[
     Count, typer.Option("--limit", metavar="NUMBER", help="The maximum number of solutions that --json prints.")
 ]
-_WithViewport = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page of the simulation.")]
+_WithViewer = Annotated[bool, typer.Option("--viewer/--no-viewer", help="Serve the page of the simulation.")]
 _AllAsJson = Annotated[bool, typer.Option("--json", help="With --goal: find all solutions, and print them as JSON.")]
 
 
@@ -88,7 +88,7 @@ def prolog(
     reading: MapReading = DEFAULT_READING,
     recorded: EpisodeOptions = NO_EPISODES,
     engine: EngineName = "mujoco",
-    with_viewport: _WithViewport = False,
+    with_viewer: _WithViewer = False,
     port: Port = None,
     as_json: _AllAsJson = False,
 ) -> ExitCode:
@@ -114,7 +114,7 @@ def prolog(
         closing.callback(knowledge.close)
         simulation = closing.enter_context(simulation_from_options(knowledge, chosen))
         console = closing.enter_context(PrologConsole(simulation, at_halt=closing.close))
-        if with_viewport:
+        if with_viewer:
             _open_viewer(simulation, closing, port=port)
         _consult(console, consult or [], strict=goal is not None)
         if goal is not None:

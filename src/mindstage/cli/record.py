@@ -54,12 +54,12 @@ SimulatedSeconds = Annotated[
     typer.Option(
         "--for",
         metavar="SECONDS",
-        help="Simulate this time as fast as possible; with --viewport, record for this wall time. Otherwise in real "
+        help="Simulate this time as fast as possible; with --viewer, record for this wall time. Otherwise in real "
         "time until Ctrl-C.",
         show_default=False,
     ),
 ]
-ServePage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page while it is recorded.")]
+WithViewer = Annotated[bool, typer.Option("--viewer/--no-viewer", help="Serve the page while it is recorded.")]
 EpisodePath = Annotated[Path, typer.Argument(metavar="FILE", help="An episode (.mcap).", show_default=False)]
 
 
@@ -72,7 +72,7 @@ def record(
     options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
     ground: Ground = True,
-    with_viewport: ServePage = False,
+    with_viewer: WithViewer = False,
     port: Port = None,
     server: ServerOptions = LOCAL_SERVER,
     as_json: AsJson = False,
@@ -97,7 +97,7 @@ def record(
         with ExitStack() as ending:
             with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
                 recorder = ending.enter_context(Recorder(simulation, out, rate_hz=rate))
-            if with_viewport:
+            if with_viewer:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json
                 )

@@ -286,7 +286,7 @@ class _Shooting:
             InvalidArgumentError: it has none of that name.
         """
         from mindstage.robots import find_robot
-        from mindstage.robots.model import SensorType
+        from mindstage.robots.robot_model import SensorType
 
         robot = find_robot(self._simulation, self._robot or "")
         kinds = (SensorType.CAMERA, SensorType.DEPTH_CAMERA)
@@ -424,7 +424,10 @@ def _check_camera(camera: str | None, *, has_robot: bool, is_placed: bool) -> No
 def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:
     if as_json:
         groups = [
-            {"lit": list(result.highlighted), "not_lit": {item.id: item.reason for item in result.unhighlighted}}
+            {
+                "highlighted": list(result.highlighted),
+                "not_highlighted": {item.id: item.reason for item in result.unhighlighted},
+            }
             for result in results
         ]
         print_json(summary | {"highlights": groups})

@@ -83,7 +83,7 @@ OpenBrowser = Annotated[
     bool | None,
     typer.Option("--open/--no-open", help="Whether to open a browser; by default only with a graphical display."),
 ]
-WithPage = Annotated[bool, typer.Option(" /--no-viewport", help="Do not serve the page.", show_default=False)]
+WithViewer = Annotated[bool, typer.Option(" /--no-viewer", help="Do not serve the page.", show_default=False)]
 WithRos = Annotated[
     bool,
     typer.Option("--ros", help="Publish /tf, /clock, joint states and markers over rosbridge, at the speed of replay."),
@@ -112,7 +112,7 @@ def replay(
     speed: Speed = 1.0,
     paused: Paused = False,
     loop: Repeat = False,
-    with_viewport: WithPage = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
     server: ServerOptions = LOCAL_SERVER,
     open_browser: OpenBrowser = None,
@@ -129,7 +129,7 @@ def replay(
     """
     from mindstage.episodes.replay import EpisodeReplay
 
-    _check_options(files, out=out, with_viewport=with_viewport, with_ros=with_ros)
+    _check_options(files, out=out, with_viewer=with_viewer, with_ros=with_ros)
     access = server_access(server)
     with ExitStack() as resources:
         with progress_spinner("reading"):
@@ -150,20 +150,20 @@ def replay(
         }
         if with_ros:
             output["url"] = _serve_ros(resources, shown, ros_port, access, namespace=namespace, ros1=ros1)
-        if with_viewport:
+        if with_viewer:
             viewer = open_viewer(shown, port=port, access=access)
             resources.callback(viewer.close)
-            output["page"] = viewer.url
+            output["viewer"] = viewer.url
         _announce(output, seconds=seconds, as_json=as_json)
-        if with_viewport and not as_json:
-            open_page(str(output["page"]), wanted=open_browser)
+        if with_viewer and not as_json:
+            open_page(str(output["viewer"]), wanted=open_browser)
         if not paused:
             shown.play(speed=speed)
-        _wait(shown, speed=speed, loop=loop, ends=not (with_viewport or paused), seconds=seconds)
+        _wait(shown, speed=speed, loop=loop, ends=not (with_viewer or paused), seconds=seconds)
     return ExitCode.OK
 
 
-def _check_options(files: list[Path], *, out: Path | None, with_viewport: bool, with_ros: bool) -> None:
+def _check_options(files: list[Path], *, out: Path | None, with_viewer: bool, with_ros: bool) -> None:
     """Checks options before a file is read.
 
     Raises:
@@ -173,9 +173,9 @@ def _check_options(files: list[Path], *, out: Path | None, with_viewport: bool, 
         raise InvalidArgumentError("EPISODE", cause=f"{len(files)} are given", remedy="give one or two")
     if out is not None and len(files) > 1:
         raise InvalidArgumentError("--out", cause="a map is that of one episode", remedy="give one episode")
-    if out is None and not with_viewport and not with_ros:
+    if out is None and not with_viewer and not with_ros:
         remedy = "omit it, or give --ros or --out"
-        raise InvalidArgumentError("--no-viewport", cause="nothing would be shown", remedy=remedy)
+        raise InvalidArgumentError("--no-viewer", cause="nothing would be shown", remedy=remedy)
 
 
 def _open(resources: ExitStack, path: Path, world: World | None) -> Recording:
@@ -268,8 +268,8 @@ def _announce(output: dict[str, object], *, seconds: float | None, as_json: bool
     if as_json:
         print_json(output)
         return
-    if "page" in output:
-        print_line(f"The replay is served at {output['page']}")
+    if "viewer" in output:
+        print_line(f"The replay is served at {output['viewer']}")
     if "url" in output:
         print_line(f"ROS clients connect to {output['url']}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")

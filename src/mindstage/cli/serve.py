@@ -134,7 +134,7 @@ Episodes = Annotated[
         show_default=False,
     ),
 ]
-AddedRobots = Annotated[
+RobotSources = Annotated[
     list[str] | None,
     typer.Option(
         "--robot",
@@ -145,11 +145,11 @@ AddedRobots = Annotated[
     ),
 ]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
-WithPage = Annotated[bool, typer.Option("--viewport/--no-viewport", help="Serve the page too.")]
-PagePort = Annotated[
+WithViewer = Annotated[bool, typer.Option("--viewer/--no-viewer", help="Serve the page too.")]
+ViewerPort = Annotated[
     PortNumber | None,
     typer.Option(
-        "--page-port",
+        "--viewer-port",
         metavar="PORT",
         help="The port of the page; 0 chooses a free one. By default 8080, or the next free one.",
         show_default=False,
@@ -170,11 +170,11 @@ def serve(
     ros1: RosOne = False,
     worlds: Worlds = None,
     episodes: Episodes = None,
-    added_robots: AddedRobots = None,
+    robot: RobotSources = None,
     options: MapSpawning = DEFAULT_SPAWN,
     paused: Paused = False,
-    with_viewport: WithPage = False,
-    page_port: PagePort = None,
+    with_viewer: WithViewer = False,
+    viewer_port: ViewerPort = None,
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -194,7 +194,7 @@ def serve(
             _connect(connect, server.token, tls_authorities, refused) if connect else LocalNode()
         )
         spawned = _spawn_map(simulation, world, options, as_json=as_json)
-        spawned |= _add_robots(simulation, added_robots or (), xacro=options.expands_xacro, as_json=as_json)
+        spawned |= _add_robots(simulation, robot or (), xacro=options.expands_xacro, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
@@ -202,9 +202,9 @@ def serve(
         resources.callback(interface.close)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
-        if with_viewport:
-            output["page"] = _serve_page(resources, simulation, page_port, access)
-        _answer_queries(simulation, page=output.get("page", ""))
+        if with_viewer:
+            output["viewer"] = _serve_viewer(resources, simulation, viewer_port, access)
+        _answer_queries(simulation, page=output.get("viewer", ""))
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         _run_until_end(simulation, quitting, url, refused, paused=paused, seconds=seconds, quiet=as_json)
     return ExitCode.OK
@@ -254,7 +254,7 @@ def _start_server(resources: ExitStack, node: LocalNode, port: int | None, acces
     return resources.enter_context(server).url
 
 
-def _serve_page(resources: ExitStack, simulation: Simulation, port: int | None, access: ServerAccess) -> str:
+def _serve_viewer(resources: ExitStack, simulation: Simulation, port: int | None, access: ServerAccess) -> str:
     viewer = open_viewer(simulation, port=port, access=access)
     resources.callback(viewer.close)
     return viewer.url
@@ -324,8 +324,8 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
     if as_json:
         print_json(summary)
         return
-    if "page" in summary:
-        print_line(f"The world is served at {summary['page']}")
+    if "viewer" in summary:
+        print_line(f"The world is served at {summary['viewer']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")

@@ -118,7 +118,7 @@ def simulation_from_options(
     Raises:
         SourceParseError: one of the folders does not exist.
     """
-    return make_simulation(knowledge, engine, assets=options.asset_folders(), plain_shapes=options.plain_boxes)
+    return make_simulation(knowledge, engine, assets=options.asset_folders(), primitive_shapes=options.primitive_shapes)
 
 
 def knowledge_base(
@@ -153,7 +153,7 @@ def knowledge_base(
         [_as_file(map) for map in maps],
         ontologies=[*(reading.ontologies or ()), *_ros_packages()],
         bundled_ontology=reading.bundled,
-        robots=reading.robots or (),
+        urdf=reading.urdf or (),
         xacro=reading.expands_xacro,
         conventions=reading.conventions(maps) if conventions is None else conventions,
         store=store,
@@ -197,7 +197,7 @@ def knowledge_with_episodes(
         knowledge.load((), ontologies=[*(reading.ontologies or ()), *_ros_packages()])
         close_at_end(knowledge.close)
         if closure:
-            knowledge.derive()
+            knowledge.materialize()
     else:
         knowledge = knowledge_base(maps, reading, store=store, endpoint=endpoint, closure=closure)
     for each in opened:

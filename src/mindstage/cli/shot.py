@@ -162,10 +162,10 @@ Selected = Annotated[str | None, typer.Option("--select", metavar="ID", help="A 
 LabelsOf = Annotated[
     str, typer.Option("--labels", metavar="WHICH", help="Labels of bodies: none, selected, class or all.")
 ]
-Imagined = Annotated[
+TriedPlan = Annotated[
     str | None,
     typer.Option(
-        "--imagine",
+        "--plan",
         metavar="PLAN",
         help="Try a plan (a JSON or YAML file, or text in braces), and draw where things end in its samples.",
         show_default=False,
@@ -181,7 +181,7 @@ def shot(
     opened: Opened = None,
     select: Selected = None,
     labels: LabelsOf = "none",
-    imagined: Imagined = None,
+    plan: TriedPlan = None,
     options: MapSpawning = DEFAULT_SPAWN,
     as_json: AsJson = False,
 ) -> ExitCode:
@@ -197,7 +197,7 @@ def shot(
         labels=_parse_labels(labels),
         **_camera_options(view.position, view.look_at, top=view.top),
     )
-    plan = None if imagined is None else _load_plan(imagined)
+    loaded = None if plan is None else _load_plan(plan)
     targets, running = highlight_targets(view.highlights or [], view.colors or []), make_engine(options.engine)
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, options)
@@ -208,7 +208,7 @@ def shot(
         print_failures(report)
         pull_open(sim, world, opened or [])
         step_with_progress(sim, view.simulated_s)
-        results, verdict = [target.apply(sim) for target in targets], None if plan is None else _try_plan(sim, plan)
+        results, verdict = [target.apply(sim) for target in targets], None if loaded is None else _try_plan(sim, loaded)
         take_picture(sim, screenshot, output, verdict=verdict)
     summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine_name}
     tried = {} if verdict is None else {"verdict": str(verdict)}
@@ -237,16 +237,19 @@ def _load_plan(text: str) -> PlanFile:
 
 
 def _try_plan(simulation: Simulation, plan: PlanFile) -> Verdict:
-    from mindstage.imagination import imagine
+    from mindstage.imagination import evaluate_plan
 
     with progress_spinner("imagining"):
-        return imagine(simulation, plan, width=None)
+        return evaluate_plan(simulation, plan, width=None)
 
 
 def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:
     if as_json:
         groups = [
-            {"lit": list(result.highlighted), "not_lit": {item.id: item.reason for item in result.unhighlighted}}
+            {
+                "highlighted": list(result.highlighted),
+                "not_highlighted": {item.id: item.reason for item in result.unhighlighted},
+            }
             for result in results
         ]
         print_json(summary | {"highlights": groups})

@@ -31,7 +31,7 @@ from mindstage.cli.options import (
     ServerOptions,
     Strict,
     Verbose,
-    WithViewport,
+    WithViewer,
     close_at_end,
 )
 from mindstage.cli.output import (
@@ -143,7 +143,7 @@ def spawned_map(
     timings = Timings()
     with progress_spinner("reading"), timings.measure("load"):
         knowledge = knowledge_base(maps, options)
-        if not options.plain_boxes:
+        if not options.primitive_shapes:
             from mindstage.saving import mesh_assets
 
             knowledge.use_meshes(mesh_assets(options.asset_folders(), knowledge).bounds)
@@ -169,7 +169,7 @@ def spawn(
     options: MapSpawning = DEFAULT_SPAWN,
     strict: Strict = False,
     ground: Ground = True,
-    with_viewport: WithViewport = True,
+    with_viewer: WithViewer = True,
     port: Port = None,
     server: ServerOptions = LOCAL_SERVER,
     seconds: Seconds = None,
@@ -186,7 +186,7 @@ def spawn(
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
         if not as_json:
             spawned.print(verbose=verbose)
-        if with_viewport:
+        if with_viewer:
             print_and_serve(spawned.simulation, output, port=port, access=access, duration_s=seconds, as_json=as_json)
         else:
             _run(spawned.simulation, output, seconds=seconds or 0.0, as_json=as_json)
@@ -198,7 +198,7 @@ def spawn(
 def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, as_json: bool) -> None:
     import msgspec
 
-    from mindstage.engines.place import MOVED_DISTANCE_M
+    from mindstage.engines.environment_bounds import MOVED_DISTANCE_M
 
     with progress_spinner("preparing"):  # compiles the world
         before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
@@ -222,13 +222,13 @@ def _moved_bodies(simulation: Simulation, ids: tuple[BodyId, ...], before: Array
     """The bodies that are not where they were, farthest first."""
     import numpy as np
 
-    from mindstage.engines.place import PlaceBounds, find_moved_bodies
+    from mindstage.engines.environment_bounds import EnvironmentBounds, find_moved_bodies
     from mindstage.scene.bounding_boxes import OrientedBoxes
 
     sizes = {body.id: body.size for world in simulation.worlds for body in world.bodies}
     boxes = OrientedBoxes.from_poses(before, np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids]).reshape(-1, 3))
     _, after = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
-    return find_moved_bodies(ids, before, after, PlaceBounds.from_boxes(boxes))
+    return find_moved_bodies(ids, before, after, EnvironmentBounds.from_boxes(boxes))
 
 
 _MAX_MOVED = 3
@@ -326,12 +326,12 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
         "simulated_s": seconds,
         "out": str(out),
         "bodies": len(logged.bodies),
-        "constraints": len(logged.joints),
+        "joints": len(logged.joints),
     }
 
 
 def _print_summary(summary: dict[str, object]) -> None:
-    print_line(f"{summary['bodies']} bodies, {summary['constraints']} joints → {summary['out']}")
+    print_line(f"{summary['bodies']} bodies, {summary['joints']} joints → {summary['out']}")
 
 
 # -- check -------------------------------------------------------------------------------------------------------------

@@ -137,15 +137,15 @@ def show_page(
         access: who may open the page.
         tour: whether pages offer the tour to new users.
     """
-    viewport = open_viewer(simulation, port=port, access=access)
+    viewer = open_viewer(simulation, port=port, access=access)
     if tour:
-        viewport.offer_tour()
+        viewer.offer_tour()
     try:
-        announce(viewport.url)
+        announce(viewer.url)
         keep_alive(simulation, duration_s=duration_s, quiet=quiet)
     finally:
         with progress_spinner("closing the page"):
-            viewport.close()
+            viewer.close()
 
 
 def print_and_serve(

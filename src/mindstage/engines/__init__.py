@@ -104,7 +104,7 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
     except ExtensionError as error:
         raise EngineUnavailableError(name, cause=str(error), remedy="install what it needs, or use null") from error
     if factory is None or not any(_is_named(name, form) for form in factory.forms):
-        forms = catalog(Group.ENGINES, EngineFactory, attrgetter("forms"), tuple[str, ...]).values()
+        forms = catalog(Group.ENGINES, EngineFactory, attrgetter("geometries"), tuple[str, ...]).values()
         remedy = f"choose {', '.join(form for each in forms for form in each)}"
         raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=remedy)
     return factory.make(name, EngineSettings(None if godot is None else os.fspath(godot), timeout_s))

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 from mindstage.engines.base import Actuator, ActuatorMode
 from mindstage.engines.edits import SetActuators, SimulatedBodies
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.engines.kinematic_tree import AXIS_NAMES, is_ball, movable_axes
-from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import BodyNotFoundError, closest_names
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Joint
 

@@ -184,7 +184,7 @@ class SpawnNoteKind(StrEnum):
     MASS_ESTIMATED = "mass estimated"
     SIZE_ASSUMED = "size assumed"
     MOBILITY_ASSUMED = "mobility assumed"
-    ENCLOSURE = "shell"
+    ENCLOSURE = "enclosure"
     """The body encloses much of the world, so it collides with nothing."""
     HOLLOW = "hollow"
     """Other bodies rest inside the body, so its collision shape is made of wall panels."""
@@ -192,7 +192,7 @@ class SpawnNoteKind(StrEnum):
     """The geometry is a guess, or part of it could not be used."""
     OVERLAP = "overlap"
     """The first body overlaps each of the others, so their collisions are disabled."""
-    PENETRATION = "sunk"
+    EMBEDDED = "embedded"
     """The first body slightly penetrates each of the others; the physics pushes it out."""
     SETTLED = "settled"
     """The first body overlapped the others, and was moved out of them before the simulation starts."""
@@ -206,13 +206,13 @@ class SpawnNoteKind(StrEnum):
     """The body fell far below the place, and was made static there."""
     FAST = "fast"
     """The body is so fast that it may pass through thin bodies."""
-    JOINT = "constraint"
+    JOINT = "joint"
     """A joint is not simulated exactly as described."""
     ATTACHMENT = "attachment"
     """An attachment is not simulated exactly as described."""
     SOLVER = "solver"
     """The physics engine warned that it left something out."""
-    NOT_TRANSFERRED = "untold"
+    UNSTATED = "unstated"
     """The protocol of a remote engine has no field for a property, so it was not sent."""
 
 
@@ -234,9 +234,7 @@ class MovedBody(msgspec.Struct, frozen=True, kw_only=True):
     """Whether it left the bounds of all bodies at the spawn, or fell far below them."""
 
 
-class SpawnReport(
-    msgspec.Struct, frozen=True, kw_only=True, rename={"joints": "constraints", "failed_joints": "failed_constraints"}
-):
+class SpawnReport(msgspec.Struct, frozen=True, kw_only=True):
     """The result of spawning a world: counts, failures and notes."""
 
     bodies: int = 0

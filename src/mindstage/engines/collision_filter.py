@@ -296,7 +296,7 @@ def _penetration_notes(filter_input: CollisionFilterInput, a: Indices, b: Indice
         text = (
             f"{filter_input.ids[free_index]} penetrates {', '.join(names)} by up to {deepest:.0f} mm and is pushed out"
         )
-        notes.append(SpawnNote(SpawnNoteKind.PENETRATION, (filter_input.ids[free_index], *names), text))
+        notes.append(SpawnNote(SpawnNoteKind.EMBEDDED, (filter_input.ids[free_index], *names), text))
     return notes
 
 

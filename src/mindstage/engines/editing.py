@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from mindstage.engines.base import Applied, Capability, Engine, SpawnReport
 from mindstage.engines.edits import PoseRow, RestoreBodies, SetActuators, SimulatedBodies
-from mindstage.engines.registry import EntityRegistry
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.errors import (
     PoseUnreachableError,
     SpawnRefusedError,
@@ -22,7 +22,7 @@ from mindstage.errors import (
 )
 from mindstage.scene import Attachment, Body, BodyGeometry, BodyId, Joint, Pose, World
 from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, EditGroup, SetPhysics, SetPoses, Spawn
-from mindstage.scene.kinematics import moving_body
+from mindstage.scene.joint_kinematics import moving_body
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,

@@ -10,7 +10,7 @@ from mindstage.ranges import Finite
 from mindstage.scene import BodyId, Joint, World
 from mindstage.scene.collision_shapes import WallPanel
 from mindstage.scene.edits import Edit, GeometryEdit
-from mindstage.scene.model import FrozenStruct
+from mindstage.scene.world_model import FrozenStruct
 
 __all__ = ["BodyPair", "PoseRow", "RestoreBodies", "SetActuators", "SettledPose", "SimulatedBodies"]
 
@@ -68,7 +68,7 @@ class SimulatedBodies(FrozenStruct, frozen=True, kw_only=True):
     """Joints whose limits are narrower than those of the world."""
     excluded_pairs: frozenset[BodyPair] = frozenset()
     """Pairs that do not collide, since they overlapped."""
-    apart: frozenset[BodyPair] = frozenset()
+    given_excluded_pairs: frozenset[BodyPair] = frozenset()
     """Pairs that do not collide, since a spawn stated it."""
     non_colliding: frozenset[BodyId] = frozenset()
     wall_panels: Mapping[BodyId, tuple[WallPanel, ...]] = {}

@@ -19,9 +19,9 @@ from typing import TypeVar
 import numpy as np
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
-from mindstage.engines.registry import EntityRegistry
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.scene import AngularLimits, AxisMotion, Body, BodyId, Joint, LinearLimits, Mobility, SoftLimit
-from mindstage.scene.kinematics import axis_ranges, coupled_positions, first_movable_axis, moving_body
+from mindstage.scene.joint_kinematics import axis_ranges, coupled_positions, first_movable_axis, moving_body
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_multiply
 
 __all__ = [

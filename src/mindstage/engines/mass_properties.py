@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.engines.base import SpawnNote, SpawnNoteKind
-from mindstage.engines.registry import EntityRegistry
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, PrimitiveType, Vector
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.collision_shapes import (

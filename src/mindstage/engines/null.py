@@ -29,8 +29,8 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.editing import EditingEngine, Performed, pose_row
 from mindstage.engines.edits import RestoreBodies, SetActuators, SimulatedBodies
+from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.engines.kinematic_tree import coupled_body_poses
-from mindstage.engines.registry import EntityRegistry
 from mindstage.errors import EngineClosedError, UnsupportedByEngineError
 from mindstage.ranges import Finite, ForceVector, Point, checked
 from mindstage.scene import BodyGeometry, BodyId, Color, Joint, Pose, World

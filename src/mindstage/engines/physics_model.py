@@ -29,6 +29,14 @@ from mindstage.engines.collision_filter import (
 )
 from mindstage.engines.editing import Performed, links_of, pose_row
 from mindstage.engines.edits import RestoreBodies, SetActuators, SettledPose, SimulatedBodies
+from mindstage.engines.entity_registry import AddResult, EntityRegistry
+from mindstage.engines.environment_bounds import (
+    MAX_FALL_M,
+    EnvironmentBounds,
+    belongs_to_place,
+    find_ground_height,
+    find_unsupported,
+)
 from mindstage.engines.kinematic_tree import (
     JointAxis,
     KinematicForest,
@@ -40,8 +48,6 @@ from mindstage.engines.kinematic_tree import (
     pose_from_joint_coordinates,
 )
 from mindstage.engines.mass_properties import MassProperties
-from mindstage.engines.place import MAX_FALL_M, PlaceBounds, belongs_to_place, find_ground_height, find_unsupported
-from mindstage.engines.registry import AddResult, EntityRegistry
 from mindstage.engines.settling import KEPT_POSE_TOLERANCE_M, SettlingInput, nested_notes, settle
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import (
@@ -62,7 +68,7 @@ from mindstage.scene.collision_shapes import (
 )
 from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.kinematics import handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -223,13 +229,13 @@ class PhysicsModelBuilder:
         self.simulated_joints: dict[BodyId, Joint] = {}
         """Joints whose limits are narrower than those of the world, so that doors do not turn into their casing."""
         self.actuators = ActuatorSet()
-        self.apart: set[tuple[BodyId, BodyId]] = set()
+        self.given_excluded_pairs: set[tuple[BodyId, BodyId]] = set()
         """Pairs that a spawn was told to exclude from collision, the lower id first."""
         self.late_notes: list[SpawnNote] = []
         """Notes on decisions caused by edits; those of a spawn are in its report."""
         self.settled: dict[BodyId, SettledPose] = {}
         """Bodies that a spawn moved out of others."""
-        self.bounds: PlaceBounds | None = None
+        self.bounds: EnvironmentBounds | None = None
         """Bounds of the bodies when the last world was spawned."""
         self.ground_height_m: float | None = None
         """Height of the ground plane [m]; None if there is none."""
@@ -251,7 +257,7 @@ class PhysicsModelBuilder:
             list(self.late_notes),
         )
         result.simulated_joints, result.actuators = dict(self.simulated_joints), self.actuators.copy()
-        result.apart = set(self.apart)
+        result.given_excluded_pairs = set(self.given_excluded_pairs)
         result._forest, result._changed_bodies, result._collision_state = (
             self._forest,
             set(self._changed_bodies),
@@ -370,7 +376,7 @@ class PhysicsModelBuilder:
         added = self.registry.add(edit.world)
         self.registry.immovable |= edit.immovable.intersection(added.bodies)
         bodies = self.registry.bodies
-        self.apart |= {sorted_pair(a, b) for a, b in edit.excluded_pairs if a in bodies and b in bodies}
+        self.given_excluded_pairs |= {sorted_pair(a, b) for a, b in edit.excluded_pairs if a in bodies and b in bodies}
         invalid_notes = self.mass_properties.add(added.bodies, edit.geometry)
         new_poses = pose_array(self.registry.bodies[id].pose for id in added.bodies)
         new_poses[:, 3:] = normalize(new_poses[:, 3:])
@@ -391,7 +397,7 @@ class PhysicsModelBuilder:
         before = {id: poses[rows[id]].copy() for id in moved if id not in added.bodies}
         for id, pose in moved.items():
             poses[rows[id]] = pose
-        notes += self._hold_crowd(added.bodies)
+        notes += self._fix_non_colliding(added.bodies)
         is_single = not (added.joints or added.attachments or moved)
         place_notes = self._update_place_near(added.bodies, poses, has_ground=edit.ground) if is_single else None
         if place_notes is None:
@@ -417,7 +423,7 @@ class PhysicsModelBuilder:
             self.attachment_poses.pop(id, None)
         self.joint_frames = {id: ends for id, ends in self.joint_frames.items() if id in self.registry.joints}
         self.simulated_joints = {id: each for id, each in self.simulated_joints.items() if id in self.registry.joints}
-        self.apart = {pair for pair in self.apart if removed.isdisjoint(pair)}
+        self.given_excluded_pairs = {pair for pair in self.given_excluded_pairs if removed.isdisjoint(pair)}
         self.actuators.remove(removed, remaining_joints=self.registry.joints)
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
@@ -440,7 +446,7 @@ class PhysicsModelBuilder:
             joint_frames={id: (pose_row(a), pose_row(b)) for id, (a, b) in self.joint_frames.items() if id in joints},
             simulated_joints={id: each for id, each in self.simulated_joints.items() if id in joints},
             excluded_pairs=frozenset(pair for pair in filtered.excluded_pairs if not kept.isdisjoint(pair)),
-            apart=frozenset(pair for pair in self.apart if not kept.isdisjoint(pair)),
+            given_excluded_pairs=frozenset(pair for pair in self.given_excluded_pairs if not kept.isdisjoint(pair)),
             non_colliding=frozenset(filtered.non_colliding & kept),
             wall_panels={id: panels for id, panels in filtered.wall_panels.items() if id in kept},
             contents={id: found for id, found in filtered.contents.items() if id in kept},
@@ -478,7 +484,9 @@ class PhysicsModelBuilder:
         }
         self.simulated_joints |= {id: each for id, each in before.simulated_joints.items() if id in joints}
         self.collision_filter.restore(before, existing=self.registry.bodies.keys())
-        self.apart |= {pair for pair in before.apart if self.registry.bodies.keys() >= set(pair)}
+        self.given_excluded_pairs |= {
+            pair for pair in before.given_excluded_pairs if self.registry.bodies.keys() >= set(pair)
+        }
         self.actuators.restore(before, registry=self.registry, joints=self.simulated_joints)
         self.settled |= before.settled
         self._below_ground |= before.below_ground
@@ -533,7 +541,7 @@ class PhysicsModelBuilder:
         Pairs within one rigid group are not listed.
         """
         forest = self.forest
-        excluded = self.collision_filter.excluded_pairs | self.apart
+        excluded = self.collision_filter.excluded_pairs | self.given_excluded_pairs
         pairs = {pair for pair in excluded if forest.root_of[pair[0]] != forest.root_of[pair[1]]}
         for first, second in self._jointed_groups():
             for a in forest.groups[first].bodies:
@@ -654,7 +662,7 @@ class PhysicsModelBuilder:
             unit=self._unit_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
             could_collide_before=lambda a, b: (
-                previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.apart
+                previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.given_excluded_pairs
             ),  # pairs that are excluded anyway need no decision
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
@@ -734,7 +742,7 @@ class PhysicsModelBuilder:
             )
         return moved
 
-    def _hold_crowd(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
+    def _fix_non_colliding(self, new_ids: Iterable[BodyId]) -> list[SpawnNote]:
         """Makes loose bodies static that collide with nothing, since they would fall for ever."""
         ignored = [id for id in new_ids if id in self.collision_filter.non_colliding and self.is_loose(id)]
         if not ignored:
@@ -792,7 +800,7 @@ class PhysicsModelBuilder:
         """Updates the bounds of the place, and the ground below it."""
         ids = self.registry.ids
         boxes = self.mass_properties.overlap_boxes(ids, poses)
-        self.bounds = PlaceBounds.from_boxes(boxes)
+        self.bounds = EnvironmentBounds.from_boxes(boxes)
         if not has_ground:
             return []
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)

@@ -317,7 +317,7 @@ class _Settler:
         ids = self._note_ids(rows, hits)
         if distance_mm <= KEPT_POSE_TOLERANCE_M * 1000:
             text = f"{self._name(rows)} penetrates {self._names(hits)} by up to {distance_mm:.0f} mm and is pushed out"
-            self._result.notes.append(SpawnNote(SpawnNoteKind.PENETRATION, ids, text))
+            self._result.notes.append(SpawnNote(SpawnNoteKind.EMBEDDED, ids, text))
             return
         x, y, z = shift.tolist()
         text = (

@@ -188,8 +188,8 @@ class ContactTracker:
             anchors, was_moving = np.full((n, 7), np.nan), np.zeros(n, dtype=bool)
             anchors[known], was_moving[known] = self._anchors[rows[known]], self._was_moving[rows[known]]
             holder = np.full(n, -1)
-            holder[known] = self._table.holder[rows[known]]
-            held = table.holder != holder
+            holder[known] = self._table.mover[rows[known]]
+            held = table.mover != holder
             anchors[held] = np.nan
         else:
             anchors, was_moving = np.full((n, 7), np.nan), np.zeros(n, dtype=bool)
@@ -382,7 +382,7 @@ class ContactTracker:
     @staticmethod
     def _can_support(thing: BodyId, support: BodyId | None, table: BodyTable) -> bool:
         row = table.row[thing]
-        if not (table.is_free[row] or table.holder[row] >= 0):
+        if not (table.is_free[row] or table.mover[row] >= 0):
             return False
         return support is None or table.group[row] != table.group[table.row[support]]
 

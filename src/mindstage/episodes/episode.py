@@ -27,7 +27,7 @@ from mindstage.engines import make_engine
 from mindstage.engines.base import Contact, PoseArray
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.geometry_file import decode_geometry
-from mindstage.episodes.mcap_file import EpisodeFile, EpisodeLoss, FileChunk, StoredMessage
+from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFile, EpisodeLoss, FileChunk, StoredMessage
 from mindstage.episodes.messages import ChunkHead, EpisodeDecoder, EpisodeTopic, WorldRecord
 from mindstage.episodes.recorder import EpisodeHeader
 from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame
@@ -174,9 +174,15 @@ class Episode:
         if content is None:
             raise EpisodeFileError(str(self.path), cause="the description of the episode is lost")
         try:
-            return msgspec.json.decode(content, type=EpisodeHeader)
+            header = msgspec.json.decode(content, type=EpisodeHeader)
         except msgspec.MsgspecError as error:
             raise EpisodeFileError(str(self.path), cause=f"the description of the episode: {error}") from error
+        if (version := header.format_version) != FORMAT_VERSION:
+            cause = f"it has format version {version}, and this version of Mindstage reads {FORMAT_VERSION}"
+            converter = "convert it with scripts/convert_episode.py of the sources"
+            remedy = "use a newer Mindstage" if version > FORMAT_VERSION else converter
+            raise EpisodeFileError(str(self.path), cause=cause, remedy=remedy)
+        return header
 
     def close(self) -> None:
         """Closes the file; may be called repeatedly."""

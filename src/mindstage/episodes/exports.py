@@ -21,7 +21,7 @@ from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Episode
 from mindstage.errors import EpisodeError, EpisodeFileError
 from mindstage.files import atomic_folder, atomic_write
 from mindstage.scene import BodyId, World
-from mindstage.scene.kinematics import joint_reach
+from mindstage.scene.joint_kinematics import joint_reach
 from mindstage.scene.transforms import Array
 
 __all__ = ["write_csv", "write_lerobot"]

@@ -83,7 +83,7 @@ class HandlingDetector:
         table = sample.table
         for id in [id for id in self._carries if id not in table.row or sample.jumped[table.row[id]]]:
             self._drop(id, sample)
-        holders = {table.ids[row]: table.ids[table.holder[row]] for row in np.flatnonzero(table.holder >= 0).tolist()}
+        holders = {table.ids[row]: table.ids[table.mover[row]] for row in np.flatnonzero(table.mover >= 0).tolist()}
         for id, mover in self._gripped(table).items():
             holders.setdefault(id, mover)
         held = np.zeros(len(table.ids), dtype=bool)

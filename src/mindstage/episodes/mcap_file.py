@@ -31,8 +31,10 @@ try:
 except ModuleNotFoundError as error:
     raise EpisodeError(f"{error.name} is not installed; install it with `pip install 'mindstage[episodes]'`") from error
 
-__all__ = ["EpisodeFile", "EpisodeFileWriter", "EpisodeLoss", "FileChunk", "StoredMessage", "repair"]
+__all__ = ["FORMAT_VERSION", "EpisodeFile", "EpisodeFileWriter", "EpisodeLoss", "FileChunk", "StoredMessage", "repair"]
 
+FORMAT_VERSION = 2
+"""Version of episode files; `scripts/convert_episode.py` converts those of version 1."""
 _MAX_CHUNK_BYTES = 1 << 28
 """Largest decompressed size of a chunk, and of an attachment."""
 _CHUNK_MARK = b"\x04\0\0\0zstd"

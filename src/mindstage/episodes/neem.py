@@ -51,8 +51,8 @@ from mindstage.rdf.vocabulary import (
 )
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, FactValue, GeometryMap, Iri, IriRef, Literal, World
 from mindstage.scene.display import counted
-from mindstage.scene.model import PropertyAssertion
 from mindstage.scene.transforms import Array
+from mindstage.scene.world_model import PropertyAssertion
 
 __all__ = ["Neem", "read_neem", "write_neem"]
 

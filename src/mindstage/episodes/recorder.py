@@ -28,7 +28,7 @@ from mindstage.assets.gltf import world_to_glb
 from mindstage.engines.base import Capability, Contact, Engine, PoseArray
 from mindstage.episodes.detection import EventDetector
 from mindstage.episodes.geometry_file import encode_geometry
-from mindstage.episodes.mcap_file import EpisodeFileWriter
+from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFileWriter
 from mindstage.episodes.messages import ChunkHead, EpisodeEncoder, EpisodeTopic
 from mindstage.episodes.recording import (
     DriveState,
@@ -130,7 +130,7 @@ class RecordedSimulation(Protocol):
 class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The first attachment of an episode file."""
 
-    format_version: int = 1
+    format_version: int = FORMAT_VERSION
     episode: str
     """A random identifier."""
     start_unix_s: float

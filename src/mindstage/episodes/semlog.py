@@ -38,7 +38,7 @@ from mindstage.rdf.vocabulary import (
 )
 from mindstage.scene import BodyId, FactValue, Iri, IriRef, Literal, World
 from mindstage.scene.display import counted
-from mindstage.scene.model import PropertyAssertion
+from mindstage.scene.world_model import PropertyAssertion
 
 __all__ = ["SemlogEvents", "read_semlog", "write_semlog"]
 

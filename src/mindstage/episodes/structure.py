@@ -17,7 +17,7 @@ from mindstage.engines.base import PoseArray
 from mindstage.episodes.messages import AXIS_NAMES, WorldRecord
 from mindstage.episodes.recording import EpisodeFrame
 from mindstage.scene import AxisMotion, Body, BodyId, Joint, World
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.joint_kinematics import axis_ranges
 
 __all__ = ["WorldStructure"]
 

@@ -20,10 +20,10 @@ from mindstage.episodes.recording import EpisodeFrame
 from mindstage.ranges import Fraction, NotNegative, check_fields
 from mindstage.scene import Body, BodyId, Joint, Mobility, World
 from mindstage.scene.bounding_boxes import Indices
-from mindstage.scene.kinematics import RigidGroups, axis_ranges, first_movable_axis, is_robot_part, moving_body
-from mindstage.scene.model import AxisMotion
+from mindstage.scene.joint_kinematics import RigidGroups, axis_ranges, first_movable_axis, is_robot_part, moving_body
 from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_inverse, pose_multiply
+from mindstage.scene.world_model import AxisMotion
 
 __all__ = ["BodyTable", "DetectionThresholds", "JointTable", "MotionSample", "MotionTracker", "lengths"]
 
@@ -223,7 +223,7 @@ class BodyTable:
     has_gravity: Mask
     is_mover: Mask
     """Whether it is a body that others can be held by: moved by commands, or a link of a robot."""
-    holder: Indices
+    mover: Indices
     """The row of the mover that a body is attached to; -1 for none."""
     is_robot_part: Mask
     """Whether it is tagged as a part of a robot, which handles things and is not handled."""
@@ -285,7 +285,7 @@ class BodyTable:
             can_move=is_dynamic | is_kinematic[group] | is_jointed | (holder >= 0),
             has_gravity=np.array([body.physics.gravity is not False for body in bodies], dtype=bool),
             is_mover=is_mover,
-            holder=holder,
+            mover=holder,
             is_robot_part=is_link,
             is_handled=is_free | (holder >= 0),
             is_subject=(is_free & (group == np.arange(len(group)))) | (holder >= 0),

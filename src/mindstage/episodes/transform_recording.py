@@ -30,7 +30,7 @@ from mindstage.episodes.recording import EpisodeEdit, EpisodeEvent, EpisodeFrame
 from mindstage.errors import BodyNotFoundError, EpisodeError, EpisodeTimeError
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, Joint, World
 from mindstage.scene.display import counted, short_name
-from mindstage.scene.kinematics import coupled_positions, first_movable_axis, moving_body
+from mindstage.scene.joint_kinematics import coupled_positions, first_movable_axis, moving_body
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -637,7 +637,7 @@ class _JointMotion:
                 return None
             return pose_multiply(moved[parent], pose_multiply(pose_inverse(self._at[parent]), self._at[id]))
         assert joint is not None
-        holder_from_joint, moving_from_joint = (
+        fixed_from_joint, moving_from_joint = (
             pose_multiply(pose_inverse(self._at[each]), normalized_pose_array(joint.pose)) for each in (parent, id)
         )
         motion = _joint_motion(coordinates)
@@ -645,7 +645,7 @@ class _JointMotion:
             motion = pose_inverse(motion)
         at = moved.get(parent, self._at[parent])
         return pose_multiply(
-            pose_multiply(pose_multiply(at, holder_from_joint), motion), pose_inverse(moving_from_joint)
+            pose_multiply(pose_multiply(at, fixed_from_joint), motion), pose_inverse(moving_from_joint)
         )
 
     def measured(

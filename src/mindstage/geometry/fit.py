@@ -210,7 +210,7 @@ class GeometryFitter:
     def _needs_display(self, row: int) -> bool:
         """Whether a door covers the front of a case up to the top, so that its panel has no room."""
         for joint in self._context.joints.get(row, ()):
-            holder, neighborhood = joint.holder_row, self._neighborhoods.get(joint.holder_row)
+            holder, neighborhood = joint.fixed_row, self._neighborhoods.get(joint.fixed_row)
             if joint.moving_row != row or neighborhood is None:
                 continue
             up = self._context.up_side(holder)
@@ -231,7 +231,7 @@ class GeometryFitter:
         """Returns the material that the rule of a cabinet defines for its doors: that of an oven is glass."""
         if str(self._context.shape_names[row]) != _DOOR_SHAPE:
             return None
-        holders = (joint.holder_row for joint in self._context.joints.get(row, ()) if joint.moving_row == row)
+        holders = (joint.fixed_row for joint in self._context.joints.get(row, ()) if joint.moving_row == row)
         materials = (self._context.rules[holder].materials.get(_DOOR_SHAPE) for holder in holders)
         return next((material.pbr_material for material in materials if material is not None), None)
 

@@ -16,9 +16,9 @@ from mindstage.geometry.procedural.builder import BodySide, Cutout
 from mindstage.knowledge.shape_rules import ShapeRule
 from mindstage.scene import Body, Iri, World
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, overlapping_pairs
-from mindstage.scene.kinematics import RigidGroups, joint_reach, moving_body
-from mindstage.scene.model import Joint
+from mindstage.scene.joint_kinematics import RigidGroups, joint_reach, moving_body
 from mindstage.scene.transforms import Array, normalize, pose_array, rotation_matrix
+from mindstage.scene.world_model import Joint
 
 __all__ = [
     "MAX_NEIGHBORS",
@@ -61,7 +61,7 @@ class JointView:
     joint: Joint
     moving_row: int
     """Row of the body that the joint moves."""
-    holder_row: int
+    fixed_row: int
     """Row of the other body."""
 
 
@@ -151,7 +151,7 @@ class SceneContext:
         found: dict[int, list[JointView]] = {}
         for row, joints in self.joints.items():
             for joint in joints:
-                if joint.holder_row == row:
+                if joint.fixed_row == row:
                     found.setdefault(int(self.groups.root_row[row]), []).append(joint)
         return found
 

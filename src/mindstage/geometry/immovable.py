@@ -27,7 +27,7 @@ from mindstage.knowledge.shape_rules import Mounting, ShapeRule
 from mindstage.scene import Body, BodyId, Iri, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, contains, overlapping_pairs
 from mindstage.scene.display import short_name
-from mindstage.scene.kinematics import moving_body
+from mindstage.scene.joint_kinematics import moving_body
 from mindstage.scene.spatial import ENCLOSURE_MIN_CONTENTS, ENCLOSURE_MIN_SIZE_M
 from mindstage.scene.transforms import normalize, pose_array
 

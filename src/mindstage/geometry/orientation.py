@@ -15,7 +15,7 @@ import numpy as np
 
 from mindstage.geometry.fit_context import JointView, Neighborhood, SceneContext
 from mindstage.geometry.procedural.builder import BodySide
-from mindstage.scene.kinematics import axis_ranges, joint_reach
+from mindstage.scene.joint_kinematics import axis_ranges, joint_reach
 from mindstage.scene.transforms import Array, normalize, quat_rotate
 
 __all__ = ["CABINET_SHAPES", "CLOSING_SHAPES", "FRONTED_SHAPES", "HANDLE_SHAPES", "Orientation", "OrientationSolver"]
@@ -174,7 +174,7 @@ class OrientationSolver:
     def _outward_side(self, row: int, axis: int | None, up: BodySide) -> BodySide | None:
         """Returns the side that faces away from the cabinet that a body closes, by its joint or by its position."""
         context = self._context
-        held = [joint.holder_row for joint in context.joints.get(row, ()) if joint.moving_row == row]
+        held = [joint.fixed_row for joint in context.joints.get(row, ()) if joint.moving_row == row]
         neighborhood = self._neighborhoods.get(row)
         near = (
             []

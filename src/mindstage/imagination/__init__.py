@@ -22,7 +22,15 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
-from mindstage.imagination.verdicts import CauseCount, Progress, Replay, ReplayFrame, Verdict, imagine, wilson_interval
+from mindstage.imagination.verdicts import (
+    CauseCount,
+    Progress,
+    Replay,
+    ReplayFrame,
+    Verdict,
+    evaluate_plan,
+    wilson_interval,
+)
 from mindstage.lazy_names import lazy_names
 from mindstage.scene.edits import Attach, Detach
 
@@ -66,7 +74,7 @@ __all__ = [
     "WorkerPoolExecutor",
     "act",
     "dump_plan",
-    "imagine",
+    "evaluate_plan",
     "is_uncertain",
     "load_plan",
     "plan_schema",

@@ -27,7 +27,7 @@ from mindstage.imagination.executors import Executor
 from mindstage.imagination.plan_files import PlanLike, load_plan
 from mindstage.imagination.plans import Check, Uncertainty
 from mindstage.imagination.results import Outcome, SampleResult
-from mindstage.imagination.verdicts import Progress, Verdict, imagine
+from mindstage.imagination.verdicts import Progress, Verdict, evaluate_plan
 from mindstage.ranges import Fraction, Seed, Workers, checked
 from mindstage.robots.skills.declaration import SkillStep
 from mindstage.scene import BodyId
@@ -138,7 +138,7 @@ def try_first(
         at_least: the probability of success that the plan must have.
         certain: whether the whole 95 % interval of the probability has to be as high, rather than the estimate.
         check: a question at the end, instead of the plan's.
-        uncertainty: see `imagine`, as for the following arguments.
+        uncertainty: see `evaluate_plan`, as for the following arguments.
         samples: the largest number of samples.
         seed: determines the random numbers.
         budget_s: limit of the wall time of the trial [s].
@@ -155,7 +155,7 @@ def try_first(
     """
     with _standing_still(simulation):
         before = simulation.state
-        verdict = imagine(
+        verdict = evaluate_plan(
             simulation,
             plan,
             check=check,

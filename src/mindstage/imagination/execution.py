@@ -63,8 +63,8 @@ from mindstage.simulation.state import EngineSession, WorldSession, find_body
 __all__ = [
     "PlanRunner",
     "RunningSample",
+    "SampleSession",
     "SampleStoppedError",
-    "SampleWorld",
     "is_uncertain",
     "run_plan",
     "validate_plan",
@@ -115,7 +115,7 @@ def run_plan(
     """Executes a plan in a simulation, which changes it; see `PlanRunner` for many samples.
 
     Args:
-        simulation: usually a copy, `sim.imagine(threaded=False)`.
+        simulation: usually a copy, `sim.fork(threaded=False)`.
         plan: the plan; see `load_plan`.
         index: the number of the sample.
         seed: the seed of all samples.
@@ -140,7 +140,7 @@ def validate_plan(plan: PlanLike, simulation: Simulation) -> None:
     _Validator(load_plan(plan), simulation).check()
 
 
-class SampleWorld(WorldSession, Protocol):
+class SampleSession(WorldSession, Protocol):
     """The world of a sample, such as a `Simulation`; who has begun the sample steps it."""
 
     def place(self, item: str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
@@ -156,7 +156,7 @@ class SampleStoppedError(Exception):
 
 RunningSample: TypeAlias = Generator[float, None, SampleResult]
 """See `PlanRunner.begin`."""
-_Passage: TypeAlias = Generator[float, None, None]
+_SimulatedTime: TypeAlias = Generator[float, None, None]
 
 
 class PlanRunner:
@@ -207,7 +207,7 @@ class PlanRunner:
     @checked
     def begin(
         self,
-        world: SampleWorld,
+        world: SampleSession,
         index: Index,
         *,
         on_poses: Callable[[float, tuple[BodyId, ...], PoseArray], None] | None = None,
@@ -280,7 +280,7 @@ class _StepFailedError(Exception):
 class _Sample:
     def __init__(
         self,
-        simulation: SampleWorld,
+        simulation: SampleSession,
         plan: Plan,
         basis: WatchBasis,
         uncertainty: Mapping[BodyId, Uncertainty],
@@ -366,7 +366,7 @@ class _Sample:
 
     # -- time --------------------------------------------------------------------------------------------------------
 
-    def _advance(self, duration_s: float) -> _Passage:
+    def _advance(self, duration_s: float) -> _SimulatedTime:
         """Lets time pass [s], watches, and ends the sample if it is late."""
         done = 0.0
         while duration_s - done > 1e-9:
@@ -380,7 +380,7 @@ class _Sample:
             if self.on_poses is not None:
                 self.on_poses(self.watch.time_s, self.simulation.state.ids, self.simulation.state.poses)
 
-    def _finish(self) -> _Passage:
+    def _finish(self) -> _SimulatedTime:
         """Lets time pass until the condition of the plan holds, or until everything is at rest."""
         start_s, still, before = self.watch.time_s, 0, self.simulation.state.poses
         while True:
@@ -403,7 +403,7 @@ class _Sample:
 
     # -- steps -------------------------------------------------------------------------------------------------------
 
-    def _execute(self, step: PlanStep) -> _Passage:
+    def _execute(self, step: PlanStep) -> _SimulatedTime:
         if not isinstance(step, Edit):  # which takes no time
             self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.deadline_s)
         try:
@@ -411,7 +411,7 @@ class _Sample:
         except (WorldError, KnowledgeError, RobotError) as error:
             raise _StepFailedError(self._event(EventKind.REFUSED, f"{type(step).__name__.lower()}: {error}")) from error
 
-    def _do(self, step: PlanStep) -> _Passage:
+    def _do(self, step: PlanStep) -> _SimulatedTime:
         match step:
             case Wait():
                 yield from self._advance(step.duration_s)
@@ -462,7 +462,7 @@ class _Sample:
         self._edit(SetPoses({id: self._noisy(id, pose)}))
         self.watch.set_reference([id])
 
-    def _push(self, step: Push) -> _Passage:
+    def _push(self, step: Push) -> _SimulatedTime:
         id = self._body(step.thing)
         with self._motion_of(id):
             done = 0.0
@@ -477,7 +477,7 @@ class _Sample:
                 yield from self._advance(chunk)
                 done += chunk
 
-    def _pull(self, step: Pull) -> _Passage:
+    def _pull(self, step: Pull) -> _SimulatedTime:
         id = self._body(step.thing)
         start_s, lead = self.watch.time_s, np.zeros(3)
         try:
@@ -499,7 +499,7 @@ class _Sample:
         finally:
             self.simulation.release(id)
 
-    def _move_joint(self, step: Open | Close) -> _Passage:
+    def _move_joint(self, step: Open | Close) -> _SimulatedTime:
         joint = find_joint(cast("EngineSession", self.simulation), step.thing)  # `moving_to` does not step it
         self.named.add(joint.body)
         timeout_s = max(0.0, self.limit_s - self.watch.time_s - 1e-3)
@@ -513,7 +513,7 @@ class _Sample:
         if moved.duration_s == 0.0:
             self.watch.set_reference([joint.body])
 
-    def _perform(self, step: Perform) -> _Passage:
+    def _perform(self, step: Perform) -> _SimulatedTime:
         from mindstage.robots.skills.performance import start_skill  # takes a second, and few plans have skills
 
         if not isinstance(self.simulation, Simulation):

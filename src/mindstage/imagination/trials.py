@@ -33,7 +33,7 @@ from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Joint
 from mindstage.scene.display import counted
 from mindstage.scene.edits import Attach, Detach
-from mindstage.scene.kinematics import is_robot_part
+from mindstage.scene.joint_kinematics import is_robot_part
 from mindstage.scene.transforms import Array, normalize, pose_inverse, quat_rotate
 from mindstage.simulation import Simulation
 from mindstage.simulation.image import SimulationImage
@@ -180,7 +180,7 @@ def _scene(kb: QuestionContext, present: StateAccess, state: WorldState) -> Imag
             source = f"mujoco, a simulation made from the map {local_name(home)}, since none is running"
             return ImaginedScene(SimulationImage.capture(simulation), home, source)
 
-    return kb.derived(("imagined", home), simulate)
+    return kb.cached(("imagined", home), simulate)
 
 
 @contextmanager
@@ -189,7 +189,7 @@ def physical_simulation(simulation: Simulation) -> Iterator[Simulation]:
     if simulation.engine_name != "null":
         yield simulation
         return
-    with simulation.imagine(threaded=False, physics=True) as copy:
+    with simulation.fork(threaded=False, physics=True) as copy:
         yield copy
 
 

@@ -4,7 +4,7 @@
 >>> from mindstage.imagination import Plan, Push, Uncertainty
 >>> with ms.open("bundled:kitchen") as sim:
 ...     push = Plan(steps=(Push(thing="milk_carton_1", force=(2.0, 0.0, 0.0)),))
-...     verdict = ms.imagine(sim, push)
+...     verdict = ms.evaluate_plan(sim, push)
 >>> verdict.outcome
 <Outcome.SUCCEEDED: 'succeeded'>
 """
@@ -37,7 +37,7 @@ from mindstage.scene.display import counted, html_table
 from mindstage.simulation import Simulation
 from mindstage.simulation.image import SimulationImage
 
-__all__ = ["CauseCount", "Progress", "Replay", "ReplayFrame", "Verdict", "imagine", "wilson_interval"]
+__all__ = ["CauseCount", "Progress", "Replay", "ReplayFrame", "Verdict", "evaluate_plan", "wilson_interval"]
 
 _Z = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
@@ -232,7 +232,7 @@ class Verdict:
 
 
 @checked
-def imagine(
+def evaluate_plan(
     simulation: Simulation,
     plan: PlanLike,
     *,
@@ -310,7 +310,7 @@ def imagine(
 
 
 def make_executor(workers: int | str, samples: int = 1) -> Executor:
-    """The executor for a number of processes, or a name; see `imagine`.
+    """The executor for a number of processes, or a name; see `evaluate_plan`.
 
     Raises:
         ImaginationError: the name is unknown, or the executor cannot be used.

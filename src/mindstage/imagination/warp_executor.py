@@ -252,7 +252,7 @@ def _parts(world: _BatchWorld, sample: RunningSample) -> RunningSample:
 
 
 class _BatchWorld:
-    """One world of a batch, as the `SampleWorld` of one sample."""
+    """One world of a batch, as the `SampleSession` of one sample."""
 
     capabilities = frozenset({Capability.CONTACTS, Capability.SCALE_DYNAMICS, Capability.JOINTS})
 
@@ -265,7 +265,7 @@ class _BatchWorld:
         self.time_s = template.simulation.state.time_s
         self._state: StateSnapshot | None = None
 
-    # -- `SampleWorld` -------------------------------------------------------------------------------------------------
+    # -- `SampleSession` -----------------------------------------------------------------------------------------------
 
     @property
     def worlds(self) -> tuple[World, ...]:

@@ -19,11 +19,11 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.engines.base import Capability, Contact, PoseArray
-from mindstage.engines.place import PlaceBounds
+from mindstage.engines.environment_bounds import EnvironmentBounds
 from mindstage.imagination.results import EventKind, ImaginedEvent
 from mindstage.scene import BodyId, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
-from mindstage.scene.kinematics import RigidGroups
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation import Simulation
@@ -61,7 +61,7 @@ class WatchBasis:
     world: World
     layout: _Layout
     poses: PoseArray
-    bounds: PlaceBounds | None
+    bounds: EnvironmentBounds | None
     enclosing: frozenset[str]
     """Bodies that enclose the place, from which nothing falls."""
     robots: frozenset[BodyId] = frozenset()
@@ -73,7 +73,7 @@ class WatchBasis:
         world, state = simulation.snapshot(), simulation.state
         sizes = {body.id: body.size for body in world.bodies}
         extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in state.ids], dtype=float).reshape(-1, 3)
-        bounds = PlaceBounds.from_boxes(OrientedBoxes.from_poses(state.poses, extents))
+        bounds = EnvironmentBounds.from_boxes(OrientedBoxes.from_poses(state.poses, extents))
         robots = frozenset(id for robot in simulation.robots.values() for id in robot.body_ids)
         layout = _lay_out(world, state.ids, robots)
         return cls(world, layout, state.poses.copy(), bounds, enclosing_body_ids(simulation), robots)

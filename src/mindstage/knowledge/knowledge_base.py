@@ -68,7 +68,7 @@ R = TypeVar("R", bound=AnswerRow)
 T = TypeVar("T")
 CacheKey = tuple[object, ...]
 _MAX_DERIVED = 8
-"""The number of values that `KnowledgeBase.derived` keeps; each may be a simulated map."""
+"""The number of values that `KnowledgeBase.cached` keeps; each may be a simulated map."""
 
 
 class _KnowledgeArchive(msgspec.Struct, frozen=True, kw_only=True):
@@ -256,7 +256,7 @@ class KnowledgeBase:
         *,
         ontologies: StrPath | Iterable[StrPath] = (),
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
-        urdf_files: StrPath | Iterable[StrPath] = (),
+        urdf: StrPath | Iterable[StrPath] = (),
         xacro: bool | None = None,
         follow_imports: bool = True,
         untrusted: bool = False,
@@ -272,7 +272,7 @@ class KnowledgeBase:
             ontologies: files, `package://NAME/rest`, or folders of ROS packages to resolve such names in.
             conventions: units, handedness and quaternion order of these maps; what is None is detected from the maps
                 and listed by `assumptions`.
-            urdf_files: robot descriptions that hold the poses and joints of maps that only name links.
+            urdf: robot descriptions that hold the poses and joints of maps that only name links.
             xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
                 in `.xacro`. Give False for names that the user has not chosen. The macros can only compute, and read
                 files beside the description, in its package and in the given folders of packages.
@@ -291,7 +291,7 @@ class KnowledgeBase:
                 list(map(map_path, _as_list(paths))),
                 _as_list(ontologies),
                 conventions,
-                _as_list(urdf_files),
+                _as_list(urdf),
                 follow_imports=follow_imports,
                 xacro=xacro,
                 untrusted=untrusted,
@@ -578,7 +578,7 @@ class KnowledgeBase:
     def retract(self, subject: str, property: str, value: AssertableValue) -> bool:
         """Removes a statement, whether it was asserted at run time or read from a source.
 
-        Statements that it was inferred from stay, and so do files and the worlds read from them. What `derive` has
+        Statements that it was inferred from stay, and so do files and the worlds read from them. What `materialize` has
         added is dropped, since it may no longer follow.
 
         Returns:
@@ -596,7 +596,7 @@ class KnowledgeBase:
                 self.forget_derived()
         return bool(quads)
 
-    def derive(self) -> int:
+    def materialize(self) -> int:
         """Adds everything that follows by the rules of OWL 2 RL, and returns the number of statements added.
 
         The usual questions do not need it, since they follow classes, parts and poses themselves. It finds the rest,
@@ -614,7 +614,7 @@ class KnowledgeBase:
         return len(quads)
 
     def forget_derived(self) -> bool:
-        """Drops what `derive` has added; returns whether there was anything."""
+        """Drops what `materialize` has added; returns whether there was anything."""
         with self.lock:
             if not InferredTriples(self._store):
                 return False
@@ -772,7 +772,7 @@ class KnowledgeBase:
     def _answer_cache(self) -> AnswerCache:
         return AnswerCache()
 
-    def derived(self, key: object, make: Callable[[], T]) -> T:
+    def cached(self, key: object, make: Callable[[], T]) -> T:
         """A value that depends on the statements only, which is made once and kept until they change.
 
         The most recent values are kept. Another thread may make the same value meanwhile; one of them is kept then.

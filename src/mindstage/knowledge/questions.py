@@ -175,7 +175,7 @@ class QuestionContext(Protocol):
     def shape_rule(self, cls: Iri) -> ShapeRule:
         """The shape and the typical size of objects of a class."""
 
-    def derived(self, key: object, make: Callable[[], T]) -> T:
+    def cached(self, key: object, make: Callable[[], T]) -> T:
         """A value that depends on the statements only, which is made once and kept until they change."""
 
 

@@ -5,7 +5,7 @@ and are looked up there. The asserted classes of individuals are completed by in
 anonymous types, and for individuals without a type from the domains and ranges of their properties.
 
 Different names are different individuals here; that two are the same (owl:sameAs, functional properties) is only found
-by `KnowledgeBase.derive`.
+by `KnowledgeBase.materialize`.
 """
 
 from __future__ import annotations

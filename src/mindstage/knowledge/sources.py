@@ -476,7 +476,7 @@ class _SourceArchive(msgspec.Struct, frozen=True, kw_only=True):
     """N-Quads."""
     sources: tuple[_ArchivedSource, ...]
     packages: tuple[str, ...]
-    urdf_files: tuple[str, ...]
+    urdf: tuple[str, ...]
     conventions: dict[str, UnitConventions]
     assumptions: tuple[Assumption, ...]
     findings: tuple[Finding, ...]
@@ -537,7 +537,7 @@ class SourceRegistry:
             raise StoreError(str(self._directory.path), cause=cause, remedy="create another one without it")
         self._bundled = Path(manifest.bundled_ontology) if manifest.bundled_ontology else None
         self._package_path = RosPackagePath(map(Path, manifest.packages))
-        self._urdf_paths = dict.fromkeys(map(Path, manifest.urdf_files))
+        self._urdf_paths = dict.fromkeys(map(Path, manifest.urdf))
         self.sources = self._directory.sources()
         self.conventions = {Path(path): each for path, each in manifest.conventions.items()}
         self.assumptions = list(manifest.assumptions)
@@ -550,7 +550,7 @@ class SourceRegistry:
         maps: Iterable[StrPath],
         ontologies: Iterable[StrPath],
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
-        urdf_files: Iterable[StrPath] = (),
+        urdf: Iterable[StrPath] = (),
         follow_imports: bool = True,
         *,
         xacro: bool | None = False,
@@ -563,7 +563,7 @@ class SourceRegistry:
             maps: files of maps.
             ontologies: other files, and folders of packages.
             conventions: given conventions of the maps.
-            urdf_files: robot descriptions that maps refer to.
+            urdf: robot descriptions that maps refer to.
             follow_imports: whether imported files are loaded.
             xacro: whether the given robot descriptions are expanded if they contain xacro; None for those whose name
                 ends in `.xacro`.
@@ -582,7 +582,7 @@ class SourceRegistry:
         paths = [_resolve_entry(os.fspath(entry), packages) for entry in maps]
         new = {path.resolve() for path in (*paths, *files)} - self.sources.keys()
         transaction = self._new_transaction(packages, self.sources)
-        robots = [_resolve_entry(os.fspath(entry), packages) for entry in urdf_files]
+        robots = [_resolve_entry(os.fspath(entry), packages) for entry in urdf]
         urdf_paths = dict.fromkeys(path.resolve() for path in robots)
         transaction.urdf_paths = list(urdf_paths)
         asked = False if untrusted else xacro
@@ -654,7 +654,7 @@ class SourceRegistry:
             manifest = StoreManifest(
                 bundled_ontology=str(self._bundled) if self._bundled else None,
                 packages=tuple(map(str, self._package_path.folders)),
-                urdf_files=tuple(map(str, self._urdf_paths)),
+                urdf=tuple(map(str, self._urdf_paths)),
                 conventions={str(path): each for path, each in self.conventions.items()},
                 assumptions=tuple(self.assumptions),
                 findings=tuple(self._loading_findings),
@@ -706,7 +706,7 @@ class SourceRegistry:
                 for source in self.sources.values()
             ),
             packages=tuple(map(str, self._package_path.folders)),
-            urdf_files=tuple(map(str, self._urdf_paths)),
+            urdf=tuple(map(str, self._urdf_paths)),
             conventions={str(path): each for path, each in self.conventions.items()},
             assumptions=tuple(self.assumptions),
             findings=tuple(self.findings),
@@ -741,7 +741,7 @@ class SourceRegistry:
                 each.path, graph, registry.store, text, each.is_map, each.is_explicit, header
             )
         registry._package_path = RosPackagePath(map(Path, archive.packages))
-        registry._urdf_paths = dict.fromkeys(map(Path, archive.urdf_files))
+        registry._urdf_paths = dict.fromkeys(map(Path, archive.urdf))
         registry.conventions = {Path(path): each for path, each in archive.conventions.items()}
         registry.assumptions = list(archive.assumptions)
         registry.findings = dict.fromkeys(archive.findings)

@@ -33,7 +33,7 @@ from mindstage.rdf.graphs import Finding
 
 __all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 _MANIFEST, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
 _RECREATE_HINT = "delete the folder and load the sources into it again"
 
@@ -43,7 +43,6 @@ class SourceRecord(
     frozen=True,
     kw_only=True,
     forbid_unknown_fields=True,
-    rename={"content_hash": "text", "file_hash": "hash", "is_map": "asked_for", "is_explicit": "given"},
 ):
     """A source in the state in which it was loaded."""
 
@@ -69,7 +68,6 @@ class StoreManifest(
     frozen=True,
     kw_only=True,
     forbid_unknown_fields=True,
-    rename={"complete": "whole", "bundled_ontology": "bundled", "urdf_files": "robots"},
 ):
     """The contents of a folder."""
 
@@ -78,7 +76,7 @@ class StoreManifest(
     bundled_ontology: str | None = None
     """The path of the bundled ontology; None for a knowledge base without it."""
     packages: tuple[str, ...] = ()
-    urdf_files: tuple[str, ...] = ()
+    urdf: tuple[str, ...] = ()
     """The robot descriptions that maps were read with."""
     sources: tuple[SourceRecord, ...] = ()
     conventions: dict[str, UnitConventions] = {}
@@ -242,9 +240,10 @@ class StoreDirectory:
         try:
             data = (self.path / _MANIFEST).read_bytes()
             version = msgspec.json.decode(data, type=_ManifestVersion).format_version
-            if version > FORMAT_VERSION:
-                cause = f"it has format version {version}, and this version of Mindstage reads up to {FORMAT_VERSION}"
-                raise StoreError(str(self.path), cause=cause, remedy="use a newer Mindstage")
+            if version != FORMAT_VERSION:
+                cause = f"it has format version {version}, and this version of Mindstage reads {FORMAT_VERSION}"
+                remedy = "use a newer Mindstage" if version > FORMAT_VERSION else _RECREATE_HINT
+                raise StoreError(str(self.path), cause=cause, remedy=remedy)
             contents = msgspec.json.decode(data, type=StoreManifest)
         except OSError as error:
             raise self._os_error(error) from error

@@ -41,7 +41,7 @@ from mindstage.msgs.base import (
     snake_case,
     type_name,
 )
-from mindstage.msgs.registry import (
+from mindstage.msgs.message_registry import (
     ActionFeedback,
     ActionGoal,
     ActionResult,

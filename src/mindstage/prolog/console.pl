@@ -125,7 +125,7 @@ measure(Term, State) :-
     term_attvars(Term, Constrained),
     (   \+ \+ ( maplist(del_attrs, Constrained), size_abstract_term(Most, t(Term), Part), Part == t(Term) ) -> true
     ;   format(string(Sentence), "a solution has more than ~D parts", [Most]),
-        throw(mindstage_error(answer_refused, Sentence))
+        throw(mindstage_error('PrologGoalError', Sentence))
     ),
     arg(1, State, Left),
     text_cost(Term, Left, Next),
@@ -139,7 +139,7 @@ text_cost(Term, Left, Next) :-
     (   compound(Term) -> compound_name_arguments(Term, Name, Arguments) ; Name = Term, Arguments = [] ),
     (   has_text(Name) -> atom_length(Name, Length) ; Length = 1 ),  % the others are variables, streams, functors of dicts
     Rest is Left - Length - 2,
-    (   Rest < 0 -> throw(mindstage_error(answer_refused, "the text of the solutions is too long; ask for less")) ; true ),
+    (   Rest < 0 -> throw(mindstage_error('PrologGoalError', "the text of the solutions is too long; ask for less")) ; true ),
     foldl(text_cost, Arguments, Rest, Next).
 
 has_text(Value) :- blob(Value, text), !.
@@ -262,5 +262,5 @@ prolog:message(mindstage_failed(Number)) -->
     [ '~D items could not be spawned; debug_failed_items lists them'-[Number] ].
 prolog:message(mindstage_not_highlighted(Name, Why)) --> [ '~w cannot be highlighted: ~w'-[Name, Why] ].
 
-hint(body_unknown) --> !, [ '; spawn_semantic_map(Map) spawns the bodies of a map' ].
+hint('BodyNotFoundError') --> !, [ '; spawn_semantic_map(Map) spawns the bodies of a map' ].
 hint(_) --> [].

@@ -182,7 +182,7 @@ class PrologConsole:
         except TimeoutError:
             raise PrologTimeoutError(goal, timeout_s=timeout_s) from None
         except ValueError as error:
-            raise PrologGoalError(goal, error_type="answer_refused", cause=str(error)) from error
+            raise PrologGoalError(goal, error_type="PrologGoalError", cause=str(error)) from error
         match end:
             case Compound("error_reply", (kind, cause)):
                 raise PrologGoalError(goal, error_type=str(kind), cause=str(cause))
@@ -370,7 +370,7 @@ def _handle_request(request: int, library: SwiProlog, handlers: Mapping[str, Han
     try:
         reply = answer(handlers, read_term(library, request, limit=ReadLimit(max_parts=REQUEST_PARTS.count)))
     except ValueError as error:
-        reply = Compound("error_reply", (Atom("argument_refused"), str(error)))
+        reply = Compound("error_reply", (Atom("InvalidArgumentError"), str(error)))
     term, other = library.new_terms(2), library.new_terms(1)
     try:
         write_term(library, term, reply)

@@ -56,7 +56,7 @@ project(Goal, _) :- statement_triple(Goal, triple(Subject, Property, Value)), !,
     mindstage:rdf_assert(One, Relation, Asserted).
 project(is_at(Object, [Frame, Position, [X, Y, Z, W]]), _) :- !,
     (   Frame == map -> true
-    ;   throw(mindstage_error(argument_refused, "a pose that is told must be in the frame map"))
+    ;   throw(mindstage_error('InvalidArgumentError', "a pose that is told must be in the frame map"))
     ),
     expand_prefixes(Object, Given),
     request(move(Given, Position, [W, X, Y, Z]), _).
@@ -94,7 +94,7 @@ require_bound(_, Part) :- instantiation_error(Part).
 refuse_statement(Goal) :-
     format(string(Sentence), "~p cannot be asserted; there is triple/3, holds/3, has_type/2, instance_of/2, subclass_of/2, \c
 is_individual/1, is_class/1, has_part/2, is_at/2 (in the frame map), new_iri/2 and ask/1", [Goal]),
-    throw(mindstage_error(argument_refused, Sentence)).
+    throw(mindstage_error('InvalidArgumentError', Sentence)).
 
 statement_triple(triple(S, P, O), triple(S, P, O)).
 statement_triple(holds(S, P, O), triple(S, P, O)).
@@ -373,7 +373,7 @@ require_timeless(Goal) :-
 require_timeless(Goal) :-
     format(string(Sentence), "~p has no interval of time: no episode was added, or it is none of is_inside_of/2, is_supported_by/2 and occurs/1",
            [Goal]),
-    throw(mindstage_error(argument_refused, Sentence)).
+    throw(mindstage_error('InvalidArgumentError', Sentence)).
 
 % -- descriptions of entities --------------------------------------------------------------------------------------------
 
@@ -414,14 +414,14 @@ candidates(event, _, event) :- !.
 candidates(action, _, event) :- !.
 candidates(Type, _, _) :- knowrob_kind(Type), !,
     format(string(Sentence), "~w has no individuals here: poses and times are values, not entities", [Type]),
-    throw(mindstage_error(argument_refused, Sentence)).
+    throw(mindstage_error('InvalidArgumentError', Sentence)).
 candidates(Type, _, class(Class)) :- type_class(Type, Class).
 
 knowrob_kind(Type) :- memberchk(Type, [pose, timepoint, interval, location, trajectory]).
 
 valid_property(Property) :- is_list(Property), Property = [Key, _], nonvar(Key), !.
 valid_property([Key, _, during|_]) :- nonvar(Key), !,
-    throw(mindstage_error(argument_refused, "during: properties in descriptions have no intervals; the question holds/5 has those of relations")).
+    throw(mindstage_error('InvalidArgumentError', "during: properties in descriptions have no intervals; the question holds/5 has those of relations")).
 valid_property(Property) :- type_error(entity_property, Property).
 
 % The name and the type are looked up first, since they leave few entities.
@@ -617,7 +617,7 @@ not_here([tf_lookup_transform/3, tf_listener_start/0, transform_pose_prolog/4],
          "there is no tf listener in Prolog; is_at/2 gives a pose in the frame of another object").
 not_here([jpl_load_library/0, json_prolog_init/0, ros_init/0],
          "no Java and no ROS node runs in the process; `mindstage serve` serves ROS clients").
-not_here([visualisation_canvas/1, camera_pose/2], "the option `--viewport` shows the world in the browser").
+not_here([visualisation_canvas/1, camera_pose/2], "the option `--viewer` shows the world in the browser").
 not_here([classifier_trained/4, classify_instances/3, best_location_dtree/2],
          "no classifier (Weka) is part of Mindstage; storagePlaceFor/2 answers from the ontology").
 not_here([rdf_wup_similarity/3, best_location_maxMaxWup/2, best_location_maxMaxWup/3],

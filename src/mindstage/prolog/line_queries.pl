@@ -18,7 +18,7 @@ max_inferences(5000000).
 max_parts(50000).
 max_arity(16).
 
-% query_goal(+Text, -Variables, -Goal): the checked goal; throws a syntax error or mindstage_error(goal_refused, Sentence).
+% query_goal(+Text, -Variables, -Goal): the checked goal; throws a syntax error or mindstage_error('PrologGoalError', Sentence).
 query_goal(Text, Variables, Goal) :-
     string_length(Text, Length),
     max_characters(Most),
@@ -135,4 +135,4 @@ allowed_question(Head) :-
 
 throw_goal_refused(Format, Arguments) :-
     format(string(Sentence), Format, Arguments),
-    throw(mindstage_error(goal_refused, Sentence)).
+    throw(mindstage_error('PrologGoalError', Sentence)).

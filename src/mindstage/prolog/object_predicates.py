@@ -48,7 +48,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.edits import Attach, SetPoses
-from mindstage.scene.kinematics import moving_body
+from mindstage.scene.joint_kinematics import moving_body
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, pose_inverse, pose_multiply
 from mindstage.scene.transforms import rotation_matrix as rotation_matrices
 from mindstage.simulation import Marker, MarkerType, Simulation

@@ -245,7 +245,7 @@ local_source(Source, File) :-
     exists_file(File), !.
 local_source(Source, Source).
 
-unread(Source, source_unreadable, Sentence) :- prolog_load_context(source, _), !,
+unread(Source, 'SourceParseError', Sentence) :- prolog_load_context(source, _), !,
     print_message(warning, mindstage_source_not_loaded(Source, Sentence)).
 unread(_, Kind, Sentence) :- throw(mindstage_error(Kind, Sentence)).
 

@@ -1,4 +1,4 @@
-"""The Python side of `try_in_simulation`: plans as Prolog terms, and verdicts as terms."""
+"""The Python side of `evaluate_plan`: plans as Prolog terms, and verdicts as terms."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mindstage.errors import InvalidArgumentError, suggestion
 from mindstage.imagination.plan_files import PlanFile
 from mindstage.imagination.plans import Check, Plan, Uncertainty
 from mindstage.imagination.trials import physical_simulation, plan_from_text
-from mindstage.imagination.verdicts import imagine
+from mindstage.imagination.verdicts import evaluate_plan
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import Atom, Compound, Value
 from mindstage.robots.skills.declaration import SkillSpec, skill_specs
@@ -43,22 +43,22 @@ _OPTIONS = "samples(N), seed(N), budget(Seconds), threshold(P), workers(N), chec
 
 
 class PlanPredicates:
-    """The handler of `try_in_simulation`."""
+    """The handler of `evaluate_plan`."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self.handlers: dict[str, Handler] = {"try_plan": self.try_plan}
+        self.handlers: dict[str, Handler] = {"evaluate_plan": self.evaluate_plan}
 
-    def try_plan(self, plan: Value, options: Value) -> Value:
+    def evaluate_plan(self, plan: Value, options: Value) -> Value:
         """Tries a plan in copies of the simulation: verdict(Outcome, Probability, Samples, Why).
 
         Raises:
             InvalidArgumentError: a term is no step or option.
             PlanError: the plan does not fit the world; nothing was tried.
         """
-        arguments = trial_options(options, "try_in_simulation")
+        arguments = trial_options(options, "evaluate_plan")
         with physical_simulation(self._simulation) as simulation:
-            verdict = imagine(simulation, plan_from_term(plan), **arguments)
+            verdict = evaluate_plan(simulation, plan_from_term(plan), **arguments)
         probability = Atom("unknown") if verdict.probability is None else verdict.probability
         return Compound("verdict", (Atom(verdict.outcome.value), probability, verdict.samples, Atom(str(verdict))))
 

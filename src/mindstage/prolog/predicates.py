@@ -53,7 +53,6 @@ __all__ = [
     "RdfPredicates",
     "WorldPredicates",
     "answer",
-    "error_kind",
     "literal_term",
     "term_of",
 ]
@@ -71,7 +70,7 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
     """
     name, arguments = (request.name, request.arguments) if isinstance(request, Compound) else (str(request), ())
     if name not in handlers:
-        return _error_term("prolog_unavailable", f"{name} cannot be answered: the console was closed")
+        return _error_term("PrologUnavailableError", f"{name} cannot be answered: the console was closed")
     try:
         return Compound("answer", (handlers[name](*arguments),))
     except NameNotFoundError as error:
@@ -79,7 +78,7 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
     except (MindstageError, OverflowError) as error:
         if isinstance(error, OverflowError):  # Prolog has integers of any size
             error = NumberRefusedError(name, cause="a number is too large", remedy="give a finite number")
-        return _error_term(error_kind(error), str(error))
+        return _error_term(error.code, str(error))
     except KeyboardInterrupt:
         return Compound("interrupted", ())
     except Exception as error:  # must not propagate through Prolog's stack frames
@@ -88,11 +87,6 @@ def answer(handlers: Mapping[str, Handler], request: Value) -> Compound:
         return _error_term(
             "defect", f"{type(error).__name__}: {error} ({where}); please report this defect in Mindstage"
         )
-
-
-def error_kind(error: MindstageError) -> str:
-    """The code of an error as an atom: `body_unknown` for BodyUnknown."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", error.code).lower()
 
 
 def _error_term(error_name: str, message: str) -> Compound:
@@ -364,7 +358,7 @@ class WorldPredicates:
 def _failures(report: SpawnReport) -> Iterator[Value]:
     for kind, failures in (
         ("body", report.failed_bodies),
-        ("constraint", report.failed_joints),
+        ("joint", report.failed_joints),
         ("attachment", report.failed_attachments),
     ):
         for failure in failures:

@@ -80,7 +80,7 @@ throw_unknown_prefix(Prefix) :-
     findall(Known, known_prefix(Known, _), All),
     format(string(Sentence), "unknown prefix ~q; known prefixes: ~w; rdf_register_prefix(Prefix, Iri) adds one",
            [Prefix, All]),
-    throw(mindstage_error(prefix_unknown, Sentence)).
+    throw(mindstage_error('NameNotFoundError', Sentence)).
 
 % abbreviated_name(+Iri, -Short): the prefixed name with the longest matching prefix.
 abbreviated_name(Iri, Prefix:Name) :-

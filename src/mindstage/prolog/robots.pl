@@ -32,7 +32,7 @@ robot(Name) :-
 %   such as put_away(milk_1) or go_to(x=1.0, y=0.5); a designator, such as [an, action, [type, fetching], [object, [an,
 %   object, [type, 'Milk']]]], or an atom or string with one as JSON; or a list of skills. Result is unified with
 %   result(Outcome, Why, Seconds); Outcome is succeeded, failed, unknown, or not_done if a trial was not probable enough.
-%   Options are robot(Name), deadline(Seconds) and try_first(P) with those of try_in_simulation.
+%   Options are robot(Name), deadline(Seconds) and try_first(P) with those of evaluate_plan.
 perform(Action, Result) :- perform(Action, Result, []).
 perform(Action, Result, Options) :-
     must_be(ground, Action),

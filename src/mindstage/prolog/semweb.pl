@@ -81,7 +81,7 @@ require_mirror(_) :- mirrored, !.
 require_mirror(Indicator) :-
     format(string(Sentence), "~q is not available for a store that is asked by queries (an endpoint, or one too large)",
            [Indicator]),
-    throw(mindstage_error(argument_refused, Sentence)).
+    throw(mindstage_error('InvalidArgumentError', Sentence)).
 
 resource(Resource, Resource) :- ( var(Resource) ; atom(Resource) ), !.
 resource(Text, Resource) :- string(Text), !, atom_string(Resource, Text).
@@ -108,7 +108,7 @@ text_atom(Text, Text).
 
 refuse_value(Term, What) :-
     format(string(Sentence), "~q ~w", [Term, What]),
-    throw(mindstage_error(argument_refused, Sentence)).
+    throw(mindstage_error('InvalidArgumentError', Sentence)).
 
 % rdf_has(?Subject, ?Property, ?Value): includes subproperties, inverse properties and computed properties.
 rdf_has(Subject, Property, Value) :- mirrored, !,
@@ -273,7 +273,7 @@ rdf_reset_db :- refuse_store(rdf_reset_db/0).
 
 refuse_store(Indicator) :-
     format(string(Sentence), "~q would empty the store of the knowledge base; retract statements with rdf_retractall/3", [Indicator]),
-    throw(mindstage_error(argument_refused, Sentence)).
+    throw(mindstage_error('InvalidArgumentError', Sentence)).
 
 % -- terms -------------------------------------------------------------------------------------------------------------
 

@@ -28,7 +28,7 @@ likely_storage_place(ItemClass, StorageClass) :- question(storage_place, [ItemCl
 likely_storage_place_in_environment(Map, ItemClass, Individual) :-
     question(storage_place_in_environment, [Map, ItemClass, Individual]).
 analyse_semantic_map(Map, Classes, Individuals, Objects, Constraints, Relations) :-
-    question(analyse, [Map, Classes, Individuals, Objects, Constraints, Relations]).
+    question(analyze, [Map, Classes, Individuals, Objects, Constraints, Relations]).
 % Compares poses, masses and joint limits, as in the thesis. The questions `identical` and `differences` compare everything.
 identical_maps(One, Other) :- identical_maps(One, Other, 0.0).
 identical_maps(One, Other, Tolerance) :- question(identical_maps, [One, Other, Tolerance, _, true, _]).
@@ -161,6 +161,6 @@ highlight_bodies(Individuals, Color, Reason) :-
     request(highlight(All, Color, Reason), highlighted(Count, NotHighlighted)),
     (   Count =:= 0, NotHighlighted = [not_highlighted(Name, Why)|_]
     ->  format(string(Sentence), "~w cannot be highlighted: ~w", [Name, Why]),
-        throw(mindstage_error(body_unknown, Sentence))
+        throw(mindstage_error('BodyNotFoundError', Sentence))
     ;   forall(member(not_highlighted(Name, Why), NotHighlighted), print_message(warning, mindstage_not_highlighted(Name, Why)))
     ).

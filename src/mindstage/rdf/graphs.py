@@ -119,7 +119,7 @@ class Severity(StrEnum):
     """The entity is not in the world. Its statements are kept."""
 
 
-class Finding(msgspec.Struct, frozen=True, rename={"problem": "what", "action": "did"}):
+class Finding(msgspec.Struct, frozen=True):
     """A problem in a source, and how it was handled; all statements are kept."""
 
     severity: Severity

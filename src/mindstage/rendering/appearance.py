@@ -244,7 +244,7 @@ class VisiblePart(StrEnum):
     """Which part of a body is drawn."""
 
     WHOLE = "whole"
-    INTERIOR = "inside"
+    INTERIOR = "interior"
     """The side that faces the room; invisible from behind."""
     OUTLINE = "outline"
 

@@ -10,13 +10,13 @@ from mindstage.errors import RobotNotFoundError
 from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from mindstage.robots.base_placement import BasePlacement, find_base_poses
+    from mindstage.robots.base_placement import BasePlacement, find_base_placements
     from mindstage.robots.edits import AddRobot, RemoveRobot, add_robot
-    from mindstage.robots.kinematics import IkResult, RobotKinematics
-    from mindstage.robots.model import RobotModel
     from mindstage.robots.navigation import plan_base
     from mindstage.robots.planning import plan_arm, plan_line, plan_path
     from mindstage.robots.robot import JointState, Odometry, Robot
+    from mindstage.robots.robot_kinematics import IkResult, RobotKinematics
+    from mindstage.robots.robot_model import RobotModel
     from mindstage.robots.self_models import add_self_model, read_self_model
     from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 
@@ -35,7 +35,7 @@ __all__ = [
     "TrajectoryPoint",
     "add_robot",
     "add_self_model",
-    "find_base_poses",
+    "find_base_placements",
     "find_robot",
     "plan_arm",
     "plan_base",
@@ -46,7 +46,7 @@ __all__ = [
 ]
 
 _NAMES_BY_MODULE = {
-    "base_placement": ("BasePlacement", "find_base_poses"),
+    "base_placement": ("BasePlacement", "find_base_placements"),
     "edits": ("AddRobot", "RemoveRobot", "add_robot"),
     "kinematics": ("IkResult", "RobotKinematics"),
     "model": ("RobotModel",),

@@ -30,9 +30,9 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import knowrob, ms
-from mindstage.robots.model import BaseType, GripperType, RobotComponent, RobotModel, SensorType
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.robot_model import BaseType, GripperType, RobotComponent, RobotModel, SensorType
 from mindstage.robots.self_models import (
     ROBOT_CLASS,
     ClassRules,
@@ -152,7 +152,7 @@ class _Rules:
     @classmethod
     def of(cls, kb: QuestionContext) -> _Rules:
         """The rules of a knowledge base, which are kept until its statements change."""
-        return kb.derived(("abilities",), lambda: cls._collect(kb))
+        return kb.cached(("abilities",), lambda: cls._collect(kb))
 
     @classmethod
     def _collect(cls, kb: QuestionContext) -> _Rules:

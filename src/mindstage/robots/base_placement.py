@@ -17,15 +17,15 @@ import numpy as np
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
+from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
+from mindstage.robots.robot_model import Arm, BaseType
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
 
-__all__ = ["BasePlacement", "find_base_poses", "reachable_region"]
+__all__ = ["BasePlacement", "find_base_placements", "reachable_region"]
 
 _DISTANCE_STEP_M = 0.1
 _BEARING_COUNT = 16
@@ -229,7 +229,7 @@ class _Placing:
         return blocked
 
 
-def find_base_poses(
+def find_base_placements(
     robot: MotionRobot,
     arm: Arm | str,
     targets: Iterable[PoseLike],

@@ -16,9 +16,9 @@ from mindstage.engines.edits import RestoreBodies, SetActuators
 from mindstage.errors import RobotModelError, SpawnRefusedError
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of
-from mindstage.robots.model import RobotLink, RobotModel
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.robot import Robot, RobotSession, contact_free_pairs
+from mindstage.robots.robot_model import RobotLink, RobotModel
 from mindstage.robots.skills.declaration import SkillResult, SkillStep
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyGeometry, BodyId, PoseLike, World

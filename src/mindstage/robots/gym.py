@@ -30,8 +30,8 @@ from mindstage.errors import CommandRefusedError, InvalidArgumentError, Simulati
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.edits import add_robot
-from mindstage.robots.model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.skills.declaration import SkillResult
 from mindstage.robots.skills.performance import start_skill
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
@@ -272,7 +272,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             raise InvalidArgumentError(type(self).__name__, cause="the map has nothing that it could be about")
         self._thing = self._checked(thing) if thing else ""
         self.thing = BodyId(self._thing or self._candidates[0])
-        self._empty = self.simulation.imagine(threaded=False)
+        self._empty = self.simulation.fork(threaded=False)
         """The place without the robot."""
         self.simulation.on_close(self._empty.close)
         self._starts: dict[BodyId, SavedState | None] = {}

@@ -21,9 +21,9 @@ from mindstage.knowledge.reasoner import Reasoner
 from mindstage.maps.io.files import robot_ontology
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import knowrob
-from mindstage.robots.model import Arm, BaseType, Gripper, ModelNote, RobotComponent, RobotJoint, RobotModel
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
+from mindstage.robots.robot_model import Arm, BaseType, Gripper, ModelNote, RobotComponent, RobotJoint, RobotModel
 from mindstage.scene import Iri, Literal
 
 __all__ = [

@@ -116,22 +116,22 @@ class DiagnosticsPublisher:
         """Publishes an error of the world as a warning."""
         fields = vars(error)
         id = str(fields.get("body") or fields.get("child") or "")
-        self._publish([_status(diagnostic_msgs.Level.WARN, operation, str(error), id, {"kind": error.code})])
+        self._publish([_status(diagnostic_msgs.Level.WARN, operation, str(error), id, {"code": error.code})])
 
     def report_error(self, operation: str, error: MindstageError) -> None:
         """Publishes any other error."""
-        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"kind": error.code})])
+        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"code": error.code})])
 
     def report_late_end(self, call: str, error: BaseException | None) -> None:
         """Publishes the end of a call that was answered before it; see `Simulation.on_late_end`."""
         level = diagnostic_msgs.Level.OK if error is None else diagnostic_msgs.Level.ERROR
         text = "it has ended" if error is None else f"it has failed: {error}"
-        self._publish([_status(level, call, text, "", {"kind": "LateEnd"})])
+        self._publish([_status(level, call, text, "", {"code": "LateEnd"})])
 
     def report_server_refusal(self, refusal: Refusal) -> None:
         """Publishes that the rosbridge server refused an operation of this simulation."""
         operation = f"{refusal.operation} {refusal.name}"
-        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, refusal.cause, "", {"kind": "ServerRefusal"})])
+        self._publish([_status(diagnostic_msgs.Level.ERROR, operation, refusal.cause, "", {"code": "ServerRefusal"})])
 
     def report_failures(self, operation: str, reasons: Iterable[tuple[str, str]]) -> None:
         """Publishes partial failures: the id of each object, and the reason."""

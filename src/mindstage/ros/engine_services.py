@@ -220,12 +220,12 @@ class EngineServices:
             time_s=self._simulation.state.time_s,
             format_version=FORMAT_VERSION,
             session=self._session,
-            takes=("forms",),
+            takes=("geometries",),
         )
 
     def spawn_world(self, request: wire.SpawnWorld.Request) -> wire.SpawnWorld.Response:
         """Adds a world."""
-        report = self._spawn(world_from_json(request.world), request.forms)
+        report = self._spawn(world_from_json(request.world), request.geometries)
         self._diagnostics.report_spawn("spawn_world", report)
         return wire.SpawnWorld.Response(success=report.ok, report=spawn_report(report))
 
@@ -288,7 +288,7 @@ class EngineServices:
 
     def highlight(self, request: wire.Highlight.Request) -> wire.Highlight.Response:
         """Highlights bodies in any color, or removes their highlight."""
-        color = color_from_message(request.color) if request.lit else None
+        color = color_from_message(request.color) if request.highlighted else None
         self._simulation.highlight(map(BodyId, request.ids), color)
         return wire.Highlight.Response(success=True)
 
@@ -424,7 +424,7 @@ class EngineServices:
         total = len(world.bodies) + len(world.joints) + len(world.attachments)
         before = set(self._state_reader.state().ids)
         with context.sending_feedback(lambda: feedback("spawning", 0)):
-            report = self._spawn(world, goal.forms)
+            report = self._spawn(world, goal.geometries)
         if context.cancelled:
             present = set(self._state_reader.state().ids)
             spawned = (body.id for body in world.bodies if body.id in present and body.id not in before)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines import PoseArray
 from mindstage.scene import Body, BodyId, Joint, Mobility, World
-from mindstage.scene.kinematics import joint_reach, moving_body
+from mindstage.scene.joint_kinematics import joint_reach, moving_body
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply
 
 __all__ = [
@@ -103,10 +103,10 @@ class JointFrame(NamedTuple):
 
     joint: Joint
     moving: BodyId
-    holder: BodyId
+    fixed: BodyId
     moving_from_joint: Array
     """The pose of the joint frame in the frame of the moving body, seven numbers."""
-    holder_from_joint: Array
+    fixed_from_joint: Array
     """The pose of the joint frame in the frame of the body that holds it, at joint position 0."""
 
 
@@ -123,14 +123,14 @@ def joint_frames(world: World, spawned: Iterable[World]) -> Iterator[JointFrame]
     for joint in world.joints:
         if joint.parent in bodies and joint.child in bodies and any(reach != 0.0 for reach in joint_reach(joint)):
             moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
-            moving_from_joint, holder_from_joint = (
+            moving_from_joint, fixed_from_joint = (
                 pose_multiply(
                     pose_inverse(normalized_pose_array(first_poses.get(body.id, body.pose))),
                     normalized_pose_array(first_frames.get(joint.id, joint.pose)),
                 )
                 for body in (moving, holder)
             )
-            yield JointFrame(joint, moving.id, holder.id, moving_from_joint, holder_from_joint)
+            yield JointFrame(joint, moving.id, holder.id, moving_from_joint, fixed_from_joint)
 
 
 class RobotFrames(NamedTuple):
@@ -195,7 +195,7 @@ class FrameTree:
         """The joints in the tree, by their frame ids."""
         self._bodies_of_joints = np.array([rows[each.moving] for each in used], dtype=np.intp)
         self._offsets = np.array([each.moving_from_joint for each in used], dtype=np.float64).reshape(-1, 7)
-        parent_rows = [rows.get(parents.get(id, ""), -1) for id in bodies] + [rows[each.holder] for each in used]
+        parent_rows = [rows.get(parents.get(id, ""), -1) for id in bodies] + [rows[each.fixed] for each in used]
         self._parent_rows = np.array(parent_rows, dtype=np.intp)
         is_loose = [
             id in moving_links or (id not in parents and body.physics.mobility in _LOOSE) for id, body in bodies.items()
@@ -268,7 +268,7 @@ def _parents(world: World, bodies: Mapping[BodyId, Body], joints: Mapping[BodyId
         if attachment.parent in bodies and attachment.child in bodies:
             hold(attachment.child, attachment.parent, attachment.parent)
     for moving, each in joints.items():
-        hold(moving, each.holder, _node_id(each.joint, bodies))
+        hold(moving, each.fixed, _node_id(each.joint, bodies))
     for joint in world.joints:  # those without motion hold a body rigidly
         if joint.parent in bodies and joint.child in bodies and not any(reach != 0.0 for reach in joint_reach(joint)):
             moving, holder = (body.id for body in moving_body(joint, bodies[joint.parent], bodies[joint.child]))

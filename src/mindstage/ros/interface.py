@@ -305,7 +305,7 @@ class RosInterface:
         ):
             self._endpoints.create_action(action)
         highlights = HighlightSubscriber(self.simulation, self._diagnostics)
-        self._endpoints.subscribe("highlight", mindstage_msgs.LitBodies, highlights.on_highlight, EDIT)
+        self._endpoints.subscribe("highlight", mindstage_msgs.HighlightGroup, highlights.on_highlight, EDIT)
         self._endpoints.subscribe("markers", visualization_msgs.MarkerArray, self._unreal_vis.on_markers, EDIT)
         self._endpoints.subscribe("marker", visualization_msgs.Marker, self._unreal_vis.on_marker, EDIT)
 

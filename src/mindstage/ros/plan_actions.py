@@ -1,4 +1,4 @@
-"""The action `mindstage/try_plan`: plans are tried in copies of the simulation, with feedback, until a deadline.
+"""The action `mindstage/evaluate_plan`: plans are tried in copies of the simulation, with feedback, until a deadline.
 
 The samples run in a thread that the goal supervises, so that a goal ends when it is canceled or its time is over, even
 if a sample does not.
@@ -23,7 +23,7 @@ from mindstage.imagination.plan_files import PlanFile
 from mindstage.imagination.plans import Check, Uncertainty
 from mindstage.imagination.results import Outcome
 from mindstage.imagination.trials import physical_simulation, plan_from_text
-from mindstage.imagination.verdicts import Progress, Verdict, imagine
+from mindstage.imagination.verdicts import Progress, Verdict, evaluate_plan
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ros.service import ActionSpec, GoalCanceledError, GoalContext
 from mindstage.simulation import Simulation
@@ -51,9 +51,9 @@ class PlanActions:
 
     def actions(self) -> Iterator[ActionSpec]:
         """Yields the action."""
-        yield ActionSpec(wire.TryPlan, self.try_plan, GOAL, name="mindstage/try_plan")
+        yield ActionSpec(wire.EvaluatePlan, self.evaluate_plan, GOAL, name="mindstage/evaluate_plan")
 
-    def try_plan(self, goal: wire.TryPlan.Goal, context: GoalContext) -> wire.TryPlan.Result:
+    def evaluate_plan(self, goal: wire.EvaluatePlan.Goal, context: GoalContext) -> wire.EvaluatePlan.Result:
         """Tries a plan; a plan that cannot be tried is refused, with the place in it.
 
         Raises:
@@ -65,21 +65,23 @@ class PlanActions:
             return trial.run()
         except (PlanError, InvalidArgumentError, MessageValidationError) as error:
             place = getattr(error, "place", "") or getattr(error, "path", "")
-            refusal = wire.Refusal(kind=type(error).__name__, text=str(error), reason=str(place))
+            refusal = wire.Refusal(code=type(error).__name__, text=str(error), reason=str(place))
             return _without_samples(str(error), refusal=refusal)
 
 
 class _SupervisedTrial:
     """One goal: its samples run in a thread of their own."""
 
-    def __init__(self, simulation: Simulation, goal: wire.TryPlan.Goal, context: GoalContext, budget_s: float) -> None:
+    def __init__(
+        self, simulation: Simulation, goal: wire.EvaluatePlan.Goal, context: GoalContext, budget_s: float
+    ) -> None:
         self._simulation, self._goal, self._context, self._budget_s = simulation, goal, context, budget_s
         self._canceled, self._ended = threading.Event(), threading.Event()
         self._abandoned = threading.Event()
         self._verdict: Verdict | None = None
         self._error: BaseException | None = None
 
-    def run(self) -> wire.TryPlan.Result:
+    def run(self) -> wire.EvaluatePlan.Result:
         """Waits for the verdict, the cancellation or the end of the budget."""
         plan, arguments = self._parsed()
         deadline_s = time.monotonic() + self._budget_s + _END_GRACE_S
@@ -112,7 +114,7 @@ class _SupervisedTrial:
         samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, PLAN_SAMPLES.count, "use several goals")
         if not 0.0 <= goal.threshold <= 1.0:
             cause = f"{goal.threshold:g} is no probability"
-            raise MessageValidationError("mindstage_msgs/TryPlanGoal", path="threshold", cause=cause)
+            raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path="threshold", cause=cause)
         return plan, {
             "check": _decoded("check", goal.check, Check) if goal.check else None,
             "uncertainty": _decoded("uncertainty", goal.uncertainty, tuple[Uncertainty, ...])
@@ -127,7 +129,7 @@ class _SupervisedTrial:
     def _try(self, plan: PlanFile, arguments: dict[str, Any]) -> None:
         try:
             with physical_simulation(self._simulation) as simulation:
-                self._verdict = imagine(
+                self._verdict = evaluate_plan(
                     simulation,
                     plan,
                     budget_s=self._budget_s,
@@ -145,7 +147,7 @@ class _SupervisedTrial:
             return
         known = progress.succeeded + progress.failed
         self._context.send_feedback(
-            wire.TryPlan.Feedback(
+            wire.EvaluatePlan.Feedback(
                 done=progress.done,
                 samples=progress.samples,
                 succeeded=progress.succeeded,
@@ -160,7 +162,7 @@ class _SupervisedTrial:
 def _limited(name: str, value: int, most: int, why: str) -> int:
     if value > most:
         cause = f"{value:,} is more than {most:,}"
-        raise MessageValidationError("mindstage_msgs/TryPlanGoal", path=name, cause=cause, remedy=why)
+        raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path=name, cause=cause, remedy=why)
     return value
 
 
@@ -168,13 +170,13 @@ def _decoded(name: str, text: str, type: type[T]) -> T:
     try:
         return msgspec.json.decode(text, type=type)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise MessageValidationError("mindstage_msgs/TryPlanGoal", path=name, cause=str(error)) from error
+        raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path=name, cause=str(error)) from error
 
 
-def _result(verdict: Verdict) -> wire.TryPlan.Result:
+def _result(verdict: Verdict) -> wire.EvaluatePlan.Result:
     failure = verdict.first_failure
     cause = failure.cause if failure is not None else None
-    return wire.TryPlan.Result(
+    return wire.EvaluatePlan.Result(
         success=True,
         outcome=verdict.outcome.value,
         probability=-1.0 if verdict.probability is None else verdict.probability,
@@ -194,9 +196,9 @@ def _result(verdict: Verdict) -> wire.TryPlan.Result:
     )
 
 
-def _without_samples(why: str, *, refusal: wire.Refusal | None = None) -> wire.TryPlan.Result:
+def _without_samples(why: str, *, refusal: wire.Refusal | None = None) -> wire.EvaluatePlan.Result:
     """The result without a verdict: nothing is known."""
-    return wire.TryPlan.Result(
+    return wire.EvaluatePlan.Result(
         success=refusal is None,
         refusal=refusal or wire.Refusal(),
         outcome=Outcome.UNKNOWN.value,

@@ -77,20 +77,20 @@ class HighlightSubscriber:
         self._simulation = simulation
         self._diagnostics = diagnostics
 
-    def on_highlight(self, message: mindstage_msgs.LitBodies) -> None:
+    def on_highlight(self, message: mindstage_msgs.HighlightGroup) -> None:
         """Highlights the bodies; ids without a body are published on the diagnostics."""
         color = color_from_message(message.color) if message.color.a > 0.0 else None
         result = self._simulation.highlight(message.ids, color, label=message.label, missing_ok=True)
         self._diagnostics.report_failures("highlight", [(each.id, each.reason) for each in result.unhighlighted])
 
 
-def highlight_groups(snapshot: StateSnapshot) -> mindstage_msgs.LitGroups:
+def highlight_groups(snapshot: StateSnapshot) -> mindstage_msgs.HighlightGroups:
     """Returns all highlights in a snapshot."""
     groups = (
-        mindstage_msgs.LitBodies(ids=group.ids, color=color_message(group.color), label=group.label)
+        mindstage_msgs.HighlightGroup(ids=group.ids, color=color_message(group.color), label=group.label)
         for group in snapshot.highlight_groups
     )
-    return mindstage_msgs.LitGroups(groups=tuple(groups))
+    return mindstage_msgs.HighlightGroups(groups=tuple(groups))
 
 
 EncodedMessage = dict[str, Any]
@@ -264,7 +264,7 @@ class StatePublisher:
         self._tf_static = Publisher(node, "/tf_static", tf2_msgs.TFMessage, ros=ros, latch=True)
         self._joints = Publisher(node, f"{space}/joint_states", sensor_msgs.JointState, ros=ros)
         self._markers = Publisher(node, f"{space}/world", visualization_msgs.MarkerArray, ros=ros)
-        self._highlights = Publisher(node, f"{space}/highlights", mindstage_msgs.LitGroups, ros=ros, latch=True)
+        self._highlights = Publisher(node, f"{space}/highlights", mindstage_msgs.HighlightGroups, ros=ros, latch=True)
         self._health = Publisher(node, "/mindstage/health", diagnostic_msgs.DiagnosticArray, ros=ros, latch=True)
         self._last_static: FrameTransforms | None = None
         self._last_highlights: object = None

@@ -98,9 +98,9 @@ class QueryServices:
         if request.highlight:
             highlighted = self._simulation.highlight(answers, color)
             result |= {
-                "colour": NO_COLOR if color is None else color_name(color),
-                "lit": [] if color is None else list(highlighted.highlighted),
-                "not_lit": msgspec.to_builtins(highlighted.unhighlighted),
+                "color": NO_COLOR if color is None else color_name(color),
+                "highlighted": [] if color is None else list(highlighted.highlighted),
+                "not_highlighted": msgspec.to_builtins(highlighted.unhighlighted),
             }
         return result | self._assumptions() | self._findings()
 

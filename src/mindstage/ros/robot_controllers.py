@@ -26,8 +26,8 @@ from mindstage.msgs import Message, RosVersion, builtin_interfaces, control_msgs
 from mindstage.msgs import controller_manager_msgs as manager
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionOutcome, MotionResult
 from mindstage.robots.forward_kinematics import link_poses
-from mindstage.robots.model import RobotModel
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_model import RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.endpoints import Endpoints

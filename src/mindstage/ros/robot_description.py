@@ -21,7 +21,7 @@ from mindstage.errors import MindstageError
 from mindstage.msgs import RosVersion, std_msgs
 from mindstage.rdf.vocabulary import URDF_TEXT
 from mindstage.robots import robots_of
-from mindstage.robots.model import RobotJoint, RobotModel
+from mindstage.robots.robot_model import RobotJoint, RobotModel
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
 from mindstage.ros.rosapi import ParameterServer
@@ -39,7 +39,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.joint_kinematics import axis_ranges
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
@@ -260,7 +260,7 @@ class _Writer:
         if ids is None:
             frames.add(ROOT_FRAME)
         frames |= {
-            frame for frame, each in self._joints.items() if ids is None or (each.moving in ids and each.holder in ids)
+            frame for frame, each in self._joints.items() if ids is None or (each.moving in ids and each.fixed in ids)
         }
         robot = ElementTree.Element("robot", name=name)
         used: set[str] = {each.joint.id for frame, each in self._joints.items() if frame in frames}
@@ -299,7 +299,7 @@ class _Writer:
             type = "floating"
         name = each.joint.id if each is not None else _unused(f"{child}_{type}", used)
         joint = ElementTree.SubElement(robot, "joint", name=name, type=type)
-        _add_origin(joint, pose_from_array(pose if each is None else each.holder_from_joint))
+        _add_origin(joint, pose_from_array(pose if each is None else each.fixed_from_joint))
         ElementTree.SubElement(joint, "parent", link=parent)
         ElementTree.SubElement(joint, "child", link=child)
         if axis is not None:

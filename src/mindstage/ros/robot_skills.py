@@ -110,7 +110,7 @@ class RobotSkills:
             robot = add_robot(self._simulation, source, pose_from_message(request.pose), name=request.name, xacro=False)
         except RobotError as error:
             text = str(error) if path is None else str(error).replace(str(path), request.source)
-            return wire.AddRobot.Response(refusal=wire.Refusal(kind=error.code, text=text))
+            return wire.AddRobot.Response(refusal=wire.Refusal(code=error.code, text=text))
         self._on_added()
         notes = tuple(f"{note.subject}: {note.text}" if note.subject else note.text for note in robot.model.notes)
         rebuild_s = self._simulation.state.expected_rebuild_s
@@ -140,7 +140,7 @@ class RobotSkills:
             args = parse_arguments(goal.args)
             motion = start_skill(robot, name, args, deadline_s=deadline_s, on_step=steps.append)
         except (RobotError, InvalidArgumentError, MessageValidationError) as error:
-            refusal = wire.Refusal(kind=error.code, text=str(error))
+            refusal = wire.Refusal(code=error.code, text=str(error))
             result = wire.Perform.Result(
                 refusal=refusal, skill=name, args=goal.args, outcome="failed", reason=str(error)
             )

@@ -291,7 +291,7 @@ def failure_response(response: type[Message], error: MindstageError, text: str) 
         code = simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED
         return response(result=simulation_interfaces.Result(result=code, error_message=text))
     if "refusal" in fields:
-        return response(refusal=mindstage_msgs.Refusal(kind=error.code, text=text))
+        return response(refusal=mindstage_msgs.Refusal(code=error.code, text=text))
     return response()
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Sequence
 from enum import Enum, auto
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -249,8 +249,10 @@ def filter_entities(state_reader: StateReader, filters: wire.EntityFilters) -> t
     categories = {each.category for each in filters.categories}
     if categories or filters.tags.tags:
         bodies = {body.id: body for body in state_reader.world().bodies}
-        ids = tuple(id for id in ids if id in bodies and not (categories and category_of(bodies[id]) not in categories))
-        ids = tuple(id for id in ids if has_tags(tags_of(bodies[id]), filters.tags))
+        ids = tuple(id for id in ids if id in bodies and has_tags(tags_of(bodies[id]), filters.tags))
+        if categories:
+            bases = state_reader.robot_bases()
+            ids = tuple(id for id in ids if category_of(bodies[id], bases) in categories)
     return (
         _overlapping_bounds(state_reader, ids, filters.bounds)
         if filters.bounds.type is not wire.BoundsType.TYPE_EMPTY
@@ -280,8 +282,15 @@ def name_matcher(pattern: str) -> Callable[[str], bool]:
     return lambda text: compiled.search(text) is not None
 
 
-def category_of(body: Body) -> wire.Category:
-    """Returns the category of a body, which depends on its mobility only."""
+def category_of(body: Body, robot_bases: Container[BodyId]) -> wire.Category:
+    """Returns the category of a body: that of a robot for its base, else by the mobility of the body.
+
+    Args:
+        body: the body.
+        robot_bases: the bodies of the root links of all robots; their other links are objects of their own.
+    """
+    if body.id in robot_bases:
+        return wire.Category.CATEGORY_ROBOT
     match body.physics.mobility:
         case Mobility.DYNAMIC:
             return wire.Category.CATEGORY_DYNAMIC_OBJECT
@@ -390,7 +399,7 @@ class EntityServices:
         """Returns the label of an entity, or else its class; the first tag is its class."""
         body = self._state_reader.body(request.entity)
         info = wire.EntityInfo(
-            category=wire.EntityCategory(category=category_of(body)),
+            category=wire.EntityCategory(category=category_of(body, self._state_reader.robot_bases())),
             description=body.label or local_name(body.cls),
             tags=tags_of(body),
         )

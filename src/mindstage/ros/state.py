@@ -105,6 +105,10 @@ class StateReader:
             raise self.simulation.engine_error
         return self.simulation.state
 
+    def robot_bases(self) -> frozenset[BodyId]:
+        """Returns the bodies of the root links of all robots."""
+        return frozenset(each.link_ids[each.model.root] for each in robots_of(self.simulation).values())
+
     def row_by_id(self, snapshot: StateSnapshot) -> dict[BodyId, int]:
         """Returns the row of each body in the poses of a snapshot."""
         ids, rows = self._rows

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
         SupportSurface,
         VisualMesh,
     )
-    from mindstage.scene.model import (
+    from mindstage.scene.world_diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff
+    from mindstage.scene.world_model import (
         IDENTITY,
         AngularLimits,
         Attachment,
@@ -55,7 +56,6 @@ if TYPE_CHECKING:
         World,
         as_pose,
     )
-    from mindstage.scene.world_diff import MECHANICAL_KINDS, ChangeKind, FieldChange, WorldDiff, diff
 
 __all__ = [
     "IDENTITY",
@@ -108,7 +108,7 @@ __all__ = [
     "diff",
 ]
 
-_MODULES = ("model", "geometry", "blank_node_matching", "world_diff")
+_MODULES = ("world_model", "geometry", "blank_node_matching", "world_diff")
 """The modules of these names; those that most programs need first."""
 
 __getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in _MODULES])

@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import msgspec
 
-from mindstage.scene.model import (
+from mindstage.scene.world_model import (
     BlankNode,
     Body,
     FactValue,

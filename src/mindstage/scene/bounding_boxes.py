@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.scene.model import BodyId, Iri, Vector, World
 from mindstage.scene.transforms import Array, cross, normalize, pose_array, rotation_matrix
+from mindstage.scene.world_model import BodyId, Iri, Vector, World
 
 __all__ = [
     "Bounds",

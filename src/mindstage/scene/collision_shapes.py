@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, penetration_depths
 from mindstage.scene.geometry import CollisionShape, CollisionShapeType
 from mindstage.scene.mesh import Hull, convex_hull
-from mindstage.scene.model import Body, Pose, PrimitiveType, Vector
 from mindstage.scene.transforms import Array, cross, normalize, pose_array, pose_multiply, rotation_matrix
+from mindstage.scene.world_model import Body, Pose, PrimitiveType, Vector
 
 __all__ = [
     "MAX_HULL_FACES",

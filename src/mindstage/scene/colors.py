@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from mindstage.errors import InvalidColorError
-from mindstage.scene.model import Color
+from mindstage.scene.world_model import Color
 
 if TYPE_CHECKING:
     from mindstage.scene.transforms import Array

@@ -17,7 +17,7 @@ from msgspec.structs import force_setattr, replace
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.scene.geometry import NO_GEOMETRY, BodyGeometry, GeometryMap
-from mindstage.scene.model import Body, BodyId, BodyPhysics, Material, Pose, World, as_pose
+from mindstage.scene.world_model import Body, BodyId, BodyPhysics, Material, Pose, World, as_pose
 
 __all__ = [
     "Attach",

@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas
 from mindstage.scene.geometry import GeometryMap
-from mindstage.scene.kinematics import RigidGroups
-from mindstage.scene.model import World
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import ShapeScene
 from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array
+from mindstage.scene.world_model import World
 
 __all__ = ["FloorPath", "FloorPlan", "WallRooms", "find_floor", "free_floor_place", "wall_rooms"]
 

@@ -13,7 +13,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
-from mindstage.scene.model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, PosedStruct, Vector
+from mindstage.scene.world_model import IDENTITY, BodyId, Color, FrozenStruct, LightType, Pose, PosedStruct, Vector
 
 if TYPE_CHECKING:  # NumPy is not needed to refer to geometry
     from numpy import uint8, uint32
@@ -48,7 +48,7 @@ class CollisionShapeType(StrEnum):
     """The convex hull of its points."""
 
 
-class CollisionShape(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
+class CollisionShape(PosedStruct, frozen=True, kw_only=True):
     """A convex collision shape."""
 
     type: CollisionShapeType = CollisionShapeType.BOX
@@ -60,9 +60,7 @@ class CollisionShape(PosedStruct, frozen=True, kw_only=True, rename={"type": "ki
     """The vertices of a hull, in the frame of its pose."""
 
 
-class PbrMaterial(
-    FrozenStruct, frozen=True, kw_only=True, rename={"name": "material", "color": "colour", "emission": "glow"}
-):
+class PbrMaterial(FrozenStruct, frozen=True, kw_only=True):
     """A material in glTF's metallic-roughness model, with linear factors from 0 to 1."""
 
     name: str = ""
@@ -101,7 +99,6 @@ class SupportSurface(
     FrozenStruct,
     frozen=True,
     kw_only=True,
-    rename={"center": "centre", "clearance": "height", "is_inside": "inside", "normal": "up"},
 ):
     """A rectangle on which objects can be placed, parallel to one side of the body."""
 
@@ -117,7 +114,7 @@ class SupportSurface(
     """Upward unit vector of the surface, along an axis of the body."""
 
 
-class AttachedLight(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
+class AttachedLight(PosedStruct, frozen=True, kw_only=True):
     """A light source that is attached to a body."""
 
     type: LightType = LightType.POINT
@@ -143,9 +140,9 @@ class GeometrySource(StrEnum):
 
     MESH = "mesh"
     """A mesh file."""
-    ONTOLOGY = "knowledge"
+    ONTOLOGY = "ontology"
     """A shape rule that the ontology states for the class or a superclass."""
-    CLASS_NAME = "name"
+    CLASS_NAME = "class_name"
     """A word in the name of a class that no ontology defines: a guess."""
     MAP = "map"
     """The primitive shape in the map, otherwise a box."""

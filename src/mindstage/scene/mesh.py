@@ -18,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.scene.model import Vector
 from mindstage.scene.transforms import Array, cross
+from mindstage.scene.world_model import Vector
 
 __all__ = [
     "Hull",

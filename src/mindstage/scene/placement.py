@@ -19,7 +19,6 @@ from mindstage.scene.collision_shapes import (
     fallback_collision_shape,
 )
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, GeometryMap, SupportSurface
-from mindstage.scene.model import Body, BodyId, Pose, Vector
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -31,6 +30,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
     rotation_matrix,
 )
+from mindstage.scene.world_model import Body, BodyId, Pose, Vector
 
 __all__ = ["MIN_UP_COSINE", "FreePlace", "PlacementSampler", "PlacementSurface", "spread_places", "support_surfaces"]
 

@@ -31,8 +31,8 @@ from mindstage.scene.bounding_boxes import (
     penetration_depths,
     polygon_areas,
 )
-from mindstage.scene.model import Body, BodyId
 from mindstage.scene.transforms import Array, normalize, pose_array
+from mindstage.scene.world_model import Body, BodyId
 
 __all__ = [
     "BodyBoxes",

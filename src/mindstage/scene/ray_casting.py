@@ -26,9 +26,9 @@ from mindstage.scene.collision_shapes import (
 )
 from mindstage.scene.geometry import GeometryMap
 from mindstage.scene.mesh import convex_hull
-from mindstage.scene.model import Body
 from mindstage.scene.proximity import BodyBoxes, box_point_gaps
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_multiply, rotation_matrix
+from mindstage.scene.world_model import Body
 
 __all__ = ["Depressions", "ShapeScene", "Visibility", "find_depressions", "retained_volume"]
 

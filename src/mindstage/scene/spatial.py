@@ -43,9 +43,9 @@ from mindstage.scene.bounding_boxes import (
     polygon_gaps,
     polygon_overlap_areas,
 )
-from mindstage.scene.kinematics import RigidGroups
-from mindstage.scene.model import Body, BodyId, World
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.transforms import Array, normalize, pose_array
+from mindstage.scene.world_model import Body, BodyId, World
 
 __all__ = [
     "ENCLOSURE_MIN_CONTENTS",

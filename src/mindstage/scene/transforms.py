@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mindstage.scene.model import Pose, PoseLike, Vector, as_pose
+from mindstage.scene.world_model import Pose, PoseLike, Vector, as_pose
 
 __all__ = [
     "GODOT_FROM_ROS",

@@ -37,8 +37,8 @@ from mindstage.scene.blank_node_matching import (
     part_name_pairs,
 )
 from mindstage.scene.display import counted, html_table
-from mindstage.scene.model import Body, BodyId, Joint, Light, NamedResource, PropertyAssertion, Tag, World
 from mindstage.scene.transforms import quat_angle
+from mindstage.scene.world_model import Body, BodyId, Joint, Light, NamedResource, PropertyAssertion, Tag, World
 
 __all__ = [
     "BODY_FIELDS",
@@ -81,15 +81,15 @@ class ChangeKind(StrEnum):
     """[N/m] or [Nm/rad]."""
     DAMPING = "damping"
     """[Ns/m] or [Nms/rad]."""
-    COLOR = "colour"
+    COLOR = "color"
     """The color of a material or a light: the largest difference of the three channels, each 0 to 1."""
-    INTENSITY = "light"
+    INTENSITY = "intensity"
     """The intensity of a light [cd or lx]."""
     NAME = "name"
     """IRI, label, or name of the world."""
     CLASS = "class"
     """The class of a body or the type of a light."""
-    APPEARANCE = "look"
+    APPEARANCE = "appearance"
     """Mesh, shape, materials."""
     PHYSICS = "physics"
     """Mobility, gravity, overlap events."""
@@ -750,21 +750,11 @@ def _short(value: object) -> str:
     return text if len(text) <= _MAX_TEXT_LENGTH else f"{text[:_MAX_TEXT_LENGTH]}…"
 
 
-_JSON_NAMES = {
-    "soft_limit": "soft",
-    "swing_soft_limit": "swing_soft",
-    "twist_soft_limit": "twist_soft",
-    "type": "kind",
-    "color": "colour",
-}
-"""Attributes with another name in JSON."""
-
-
 def _change_rows(changes: Iterable[FieldChange]) -> list[dict[str, Any]]:
     return [
         {
             "id": change.id,
-            "field": ".".join(_JSON_NAMES.get(part, part) for part in change.field.split(".")),
+            "field": change.field,
             "kind": change.kind.value,
             "a": _jsonable(change.a),
             "b": _jsonable(change.b),
@@ -775,7 +765,7 @@ def _change_rows(changes: Iterable[FieldChange]) -> list[dict[str, Any]]:
 
 
 def _statement_rows(statements: Iterable[Statement]) -> list[dict[str, str]]:
-    return [{"id": statement.id, "said": str(statement)} for statement in statements]
+    return [{"id": statement.id, "note": str(statement)} for statement in statements]
 
 
 def _jsonable(value: Any) -> Any:

@@ -5,7 +5,7 @@ has a timeout, which is extended while other calls end and while the engine rebu
 begun by then is withdrawn and never executed; one that has begun is not interrupted, and its end is reported. Nothing
 that a tick or a call raises ends the thread; if it has ended all the same, calls raise at once.
 
-`EditHold` delays the ticks while edits follow one another.
+`TickDelay` delays the ticks while edits follow one another.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mindstage.engines.base import RebuildTime
 from mindstage.errors import SimulationThreadError, SimulationTimeoutError
 from mindstage.simulation.controllers import fault_error
 
-__all__ = ["DirectCalls", "EditHold", "EngineThread", "RealTimeClock"]
+__all__ = ["DirectCalls", "EngineThread", "RealTimeClock", "TickDelay"]
 
 
 _MAX_LAG_S = 0.25
@@ -78,7 +78,7 @@ _MAX_TURN_S = 0.1
 """Longest time for which waiting calls are executed between two ticks that follow at once [s]."""
 
 
-class EditHold:
+class TickDelay:
     """Delays ticks while edits follow one another, so that an engine rebuilds its model once for all of them."""
 
     def __init__(self, *, now: Callable[[], float] = time.monotonic) -> None:

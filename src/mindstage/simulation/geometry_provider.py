@@ -33,16 +33,16 @@ _SOURCE_TEXTS = {
 class GeometryProvider:
     """Fits geometry to bodies, and keeps it, also of deleted bodies, until `clear`."""
 
-    def __init__(self, knowledge: KnowledgeBase, *, shapes: bool, meshes: MeshProvider | None) -> None:
+    def __init__(self, knowledge: KnowledgeBase, *, primitive_shapes: bool, meshes: MeshProvider | None) -> None:
         """Creates a provider without geometry.
 
         Args:
             knowledge: the source of shape rules for classes.
-            shapes: whether shape rules are used; otherwise a body without a mesh has its primitive shape.
+            primitive_shapes: whether a body without a mesh has its primitive shape; otherwise shape rules are used.
             meshes: the source of meshes.
         """
         self._knowledge = knowledge
-        self._shapes, self._meshes = shapes, meshes
+        self._primitive_shapes, self._meshes = primitive_shapes, meshes
         self._mesh_names: frozenset[str | None] = frozenset()
         self._geometry: dict[BodyId, BodyGeometry] = {}
         self._immovable: frozenset[BodyId] = frozenset()
@@ -52,7 +52,7 @@ class GeometryProvider:
 
     def copy(self) -> GeometryProvider:
         """Another provider with the same geometry and sources."""
-        copy = GeometryProvider(self._knowledge, shapes=self._shapes, meshes=self._meshes)
+        copy = GeometryProvider(self._knowledge, primitive_shapes=self._primitive_shapes, meshes=self._meshes)
         with self._lock:
             copy._geometry, copy._immovable, copy._cached = dict(self._geometry), self._immovable, self._cached
             copy._excluded_pairs, copy._mesh_names = self._excluded_pairs, self._mesh_names
@@ -79,7 +79,7 @@ class GeometryProvider:
         self.require_granted(world)
         if geometry is not None:
             return FittedGeometry(geometry)
-        if self._shapes:
+        if not self._primitive_shapes:
             return fit_geometry(world, self._knowledge, meshes=self._meshes)
         if self._meshes is None:
             return FittedGeometry(NO_GEOMETRY)

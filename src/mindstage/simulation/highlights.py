@@ -47,14 +47,14 @@ class MarkerType(StrEnum):
     """Its axis is z, the tip at the top."""
     ARROW = "arrow"
     """From the origin of its pose along x; `size[0]` is its length."""
-    LINE_STRIP = "line"
+    LINE_STRIP = "line_strip"
     """Segments from each point to the next."""
-    LINE_LIST = "lines"
+    LINE_LIST = "line_list"
     """A segment for each pair of points."""
     POINTS = "points"
     """A dot at each point."""
     TEXT = "text"
-    BODY_COPY = "ghost"
+    BODY_COPY = "body_copy"
     """A copy of a body's visual geometry in the color of the marker; invisible if the body does not exist."""
 
 

@@ -31,7 +31,7 @@ class SimulationImage:
     def capture(cls, simulation: Simulation) -> SimulationImage:
         """The image of the current state of a simulation, which may continue to run; without physics, in MuJoCo."""
         earlier = simulation.origin.notes if simulation.origin is not None else ()
-        return cls(simulation.imagine(threaded=False, physics=True), earlier_notes=earlier)
+        return cls(simulation.fork(threaded=False, physics=True), earlier_notes=earlier)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -43,9 +43,9 @@ class SimulationImage:
         """Makes a simulation in exactly this state; the caller closes it.
 
         Args:
-            threaded: see `Simulation.imagine`. Without a thread, `restore` and its results are used in one thread only.
+            threaded: see `Simulation.fork`. Without a thread, `restore` and its results are used in one thread only.
         """
-        return self._unpacked().imagine(threaded=threaded)
+        return self._unpacked().fork(threaded=threaded)
 
     def close(self) -> None:
         """Releases the state; simulations that were made from it remain."""

@@ -177,7 +177,7 @@ def without_bodies(world: World, ids: Collection[BodyId]) -> World:
 def commit_edits(engine: Engine, origin: ForkOrigin | None) -> tuple[str, ...]:
     """Makes the edits of a copy in its original; see `Simulation.commit`."""
     if origin is None or not isinstance(engine, EditRecordingEngine):
-        raise CommitError(reason="this simulation is not a copy; use `with sim.imagine() as copy`")
+        raise CommitError(reason="this simulation is not a copy; use `with sim.fork() as copy`")
     if engine.was_restored:
         raise CommitError(reason="the copy was reset to a state before it was made; call `reset` of the original")
     if change := origin.change():

@@ -17,7 +17,7 @@ from mindstage.engines.base import Engine, PoseArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES, joint_coordinates, movable_axes, pose_from_joint_coordinates
 from mindstage.ranges import Finite, checked
 from mindstage.scene import Body, BodyId, Joint, Pose, Vector, World
-from mindstage.scene.kinematics import axis_ranges, handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import axis_ranges, handles_by_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -141,9 +141,7 @@ def _vector(array: Array) -> Vector:
     return x, y, z
 
 
-class JointAxisState(
-    msgspec.Struct, frozen=True, kw_only=True, rename={"is_prismatic": "slides", "lower": "low", "upper": "high"}
-):
+class JointAxisState(msgspec.Struct, frozen=True, kw_only=True):
     """A free or limited axis of a joint."""
 
     name: str

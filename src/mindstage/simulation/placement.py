@@ -57,7 +57,7 @@ _MIN_UPRIGHT_COSINE = 0.966
 """Cosine of the maximal tilt of a stable body, fifteen degrees."""
 
 
-class PlacementResult(msgspec.Struct, frozen=True, kw_only=True, rename={"support_id": "holder", "attempts": "tried"}):
+class PlacementResult(msgspec.Struct, frozen=True, kw_only=True):
     """The pose of a placed body."""
 
     id: BodyId

@@ -164,7 +164,7 @@ class UnplacedItem(msgspec.Struct, frozen=True):
     reason: str
 
 
-class PlacementReport(msgspec.Struct, frozen=True, rename={"placed": "put"}):
+class PlacementReport(msgspec.Struct, frozen=True):
     """The result of placing a list of items."""
 
     placed: tuple[PlacementResult, ...]

@@ -33,7 +33,7 @@ from mindstage.engines.base import (
     SpawnReport,
 )
 from mindstage.engines.edits import RestoreBodies
-from mindstage.engines.place import REST_CHECK_S, find_bodies_that_move
+from mindstage.engines.environment_bounds import REST_CHECK_S, find_bodies_that_move
 from mindstage.errors import (
     BodyNotFoundError,
     EngineClosedError,
@@ -56,7 +56,7 @@ from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.scene.edits import Edit, SetPoses, Spawn
 from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, SimulatedRobot, fault_error
-from mindstage.simulation.engine_thread import DirectCalls, EditHold, EngineThread, LateEndCallbacks, RealTimeClock
+from mindstage.simulation.engine_thread import DirectCalls, EngineThread, LateEndCallbacks, RealTimeClock, TickDelay
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
 from mindstage.simulation.highlights import HighlightResult, Highlights, Marker, MarkerStore, highlight_request
 from mindstage.simulation.imagined import (
@@ -137,7 +137,7 @@ class Simulation:
         engine: Engine,
         *,
         timeout_s: Timeout = 10.0,
-        shapes: bool = True,
+        primitive_shapes: bool = False,
         meshes: MeshProvider | None = None,
         threaded: bool = True,
     ) -> None:
@@ -147,7 +147,7 @@ class Simulation:
             knowledge: the knowledge base.
             engine: the engine; closed together with the simulation.
             timeout_s: timeout of a call [s], after which it raises `SimulationTimeoutError`.
-            shapes: whether bodies get geometry from the shape rules of their classes; otherwise primitive shapes.
+            primitive_shapes: whether bodies have primitive shapes, not geometry from the shape rules of their classes.
             meshes: the source of meshes, which take precedence over shape rules.
             threaded: whether the engine has a thread of its own; otherwise calls run in the thread of their caller,
                 which must always be the same, and the simulation cannot play in real time.
@@ -158,7 +158,7 @@ class Simulation:
         self.undo_stack = UndoStack(self)
         self._longest_part_s: float = _STEP_CHUNK_S
         self._use_engine(engine)
-        self._geometry_provider = GeometryProvider(knowledge, shapes=shapes, meshes=meshes)
+        self._geometry_provider = GeometryProvider(knowledge, primitive_shapes=primitive_shapes, meshes=meshes)
         self._revision = 0
         self._worlds: tuple[World, ...] = ()
         self._temporary_worlds: tuple[World, ...] = ()
@@ -166,7 +166,7 @@ class Simulation:
         self._grounded = False
         self._initial_state: SavedState | None = None
         self._initial_state_is_due = False
-        self._edit_hold = EditHold()
+        self._tick_delay = TickDelay()
         self._late_ends = LateEndCallbacks()
         self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
@@ -287,7 +287,7 @@ class Simulation:
             AmbiguousMapError: several maps are loaded, and no name is given.
             SpawnRefusedError: a part of it cannot be spawned, and there is a title.
         """
-        with self._edit_hold.preparing():
+        with self._tick_delay.preparing():
             description = world if isinstance(world, World) else self.knowledge.world(world)
             fitted = self._geometry_provider.fit(description, geometry=geometry)
             immovable = self._geometry_provider.find_immovable(description)
@@ -578,7 +578,7 @@ class Simulation:
                     return function(engine)
             finally:
                 if edits and self._is_rebuild_pending():
-                    self._edit_hold.add_edit()
+                    self._tick_delay.add_edit()
                 self._publish(edits=edits)
 
         return self._thread.run(run, label=label, timeout_s=timeout_s)
@@ -703,8 +703,8 @@ class Simulation:
 
     # -- copies --------------------------------------------------------------------------------------------
 
-    def imagine(self, *, threaded: bool = True, physics: bool = False) -> Simulation:
-        """Copies the simulation: `with sim.imagine() as copy`. Nothing that happens in the copy affects the original.
+    def fork(self, *, threaded: bool = True, physics: bool = False) -> Simulation:
+        """Copies the simulation: `with sim.fork() as copy`. Nothing that happens in the copy affects the original.
 
         The copy starts in exactly the same state if the engine can be forked; otherwise it is simulated by MuJoCo from
         a snapshot, and `origin.notes` lists the differences. The knowledge base is shared. `commit` makes the edits of
@@ -723,7 +723,7 @@ class Simulation:
             ids, poses = engine.poses()
             return copied, ForkOrigin(self, self._revision, ids, poses, notes), self._controllers.copy()
 
-        engine, origin, controllers = self.run_on_engine(fork, label="imagine")
+        engine, origin, controllers = self.run_on_engine(fork, label="fork")
         self._observers.report("imagination", details={"notes": origin.notes})
         recorded = EditRecordingEngine(engine)
         copy = Simulation(self.knowledge, recorded.as_engine(), timeout_s=self.timeout_s, threaded=threaded)
@@ -767,7 +767,7 @@ class Simulation:
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to make an equal copy; only copies without a thread can be pickled."""
         if not isinstance(self._thread, DirectCalls) or not isinstance(self._engine, EditRecordingEngine):
-            raise TypeError("only a copy that was made with `imagine(threaded=False)` can be pickled")
+            raise TypeError("only a copy that was made with `fork(threaded=False)` can be pickled")
         state = {name: getattr(self, name) for name in _PICKLED_FIELDS}
         return {**state, "engine": self._engine.engine, "notes": self._origin.notes if self._origin else ()}
 
@@ -920,7 +920,7 @@ class Simulation:
         format: str | None = None,
         dialect: FileDialect | str | None = None,
         assets: str | os.PathLike[str] | Iterable[str | os.PathLike[str]] = (),
-        plain_shapes: bool = False,
+        primitive_shapes: bool = False,
         robots: bool = False,
     ) -> tuple[str, ...]:
         """Writes the current state to a file; the suffix determines the format (see `mindstage.save`).
@@ -938,7 +938,7 @@ class Simulation:
         parts = frozenset() if robots else frozenset(id for robot in self._robots.values() for id in robot.body_ids)
         world = without_bodies(self.snapshot(), parts)
         actuated = [robot.actuated_bodies() for robot in self._robots.values()] if robots else []
-        options: Any = {"format": format, "dialect": dialect, "assets": assets, "plain_shapes": plain_shapes}
+        options: Any = {"format": format, "dialect": dialect, "assets": assets, "primitive_shapes": primitive_shapes}
         return save_world(world, path, knowledge=self.knowledge, actuated=actuated, **options)
 
     @checked
@@ -1074,7 +1074,7 @@ class Simulation:
         clock = self._clock
         if clock is None:
             return self._expire_markers()
-        hold_s = self._edit_hold.remaining_s()
+        hold_s = self._tick_delay.remaining_s()
         if hold_s > 0.0:
             return hold_s
         with self._ticking:
@@ -1093,7 +1093,7 @@ class Simulation:
         self._markers.expire()
         self._save_initial_state()
         is_rebuild_pending = self._is_rebuild_pending()
-        with self._edit_hold.rebuilding():
+        with self._tick_delay.rebuilding():
             if is_rebuild_pending and self._rebuilding_engine is not None:
                 self._rebuilding_engine.rebuild()
         if is_rebuild_pending:

@@ -13,7 +13,7 @@ from math import cos, pi, sin
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from mindstage.scene.model import Color
+from mindstage.scene.world_model import Color
 
 if TYPE_CHECKING:
     from numpy import uint8

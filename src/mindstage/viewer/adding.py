@@ -42,13 +42,13 @@ class FindClassesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     category: Annotated[str, msgspec.Meta(max_length=100)] = ""
 
 
-class ThumbnailRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
+class ThumbnailRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `thumbnail`."""
 
     cls: _ClassName
 
 
-class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
+class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `add`: adds a body of a class."""
 
     cls: _ClassName
@@ -56,12 +56,12 @@ class AddRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename
     """The body that it is placed on."""
     into: BodyId | None = None
     """The body that it is placed in."""
-    at: tuple[_Meters, _Meters, _Meters] | None = None
+    position: tuple[_Meters, _Meters, _Meters] | None = None
     """Center of its lower side [m], without `on` and `into`; by default near the point that the camera looks at."""
     size: _Size | None = None
 
 
-class HoverRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"cls": "class"}):
+class HoverRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `hover` and `drop`: a class that is dragged to a point of the view."""
 
     cls: _ClassName
@@ -138,9 +138,9 @@ class AddHandler:
         body = make_body(self._simulation, self._class(request.cls), size=request.size)
         if request.on is not None or request.into is not None:
             return self._simulation.place(body, on=request.on, into=request.into, title=f"{body.id} added").id
-        if request.at is None and (placed_id := self._add_in_view(session, body)) is not None:
+        if request.position is None and (placed_id := self._add_in_view(session, body)) is not None:
             return placed_id
-        x, y, z = request.at or self._view_center(session)
+        x, y, z = request.position or self._view_center(session)
         height = body.size[2] if body.size else 0.0
         self._spawn(msgspec.structs.replace(body, pose=Pose((x, y, z + height / 2 + _CLEARANCE_M))))
         return body.id

@@ -44,7 +44,7 @@ _THUMBNAIL_VERSION = 1
 _THUMBNAIL_PX = 96
 
 
-class AddableClass(msgspec.Struct, frozen=True, kw_only=True, rename={"cls": "class"}):
+class AddableClass(msgspec.Struct, frozen=True, kw_only=True):
     """A class of which bodies can be added."""
 
     cls: Iri

@@ -35,8 +35,8 @@ class DragMode(StrEnum):
     """How a body can move."""
 
     FREE = "free"
-    PRISMATIC = "slides"
-    REVOLUTE = "turns"
+    PRISMATIC = "prismatic"
+    REVOLUTE = "revolute"
 
 
 class DragConstraint(msgspec.Struct, frozen=True):

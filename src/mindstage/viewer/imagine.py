@@ -20,7 +20,7 @@ from mindstage.access.limits import PLAN_CHARACTERS
 from mindstage.access.policies import READ, RUN, SPAWN
 from mindstage.access.resources import without_paths
 from mindstage.errors import InvalidArgumentError, MindstageError
-from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, imagine, validate_plan
+from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, evaluate_plan, validate_plan
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
@@ -217,7 +217,7 @@ class ImagineHandler:
 
     def _run(self, *, plan: Any, **options: Any) -> None:
         with physical_simulation(self._simulation) as simulation:
-            verdict = imagine(simulation, plan, **options, progress=self._on_progress, cancel=self._cancel.is_set)
+            verdict = evaluate_plan(simulation, plan, **options, progress=self._on_progress, cancel=self._cancel.is_set)
             self._finish(verdict)
 
     def _finish(self, verdict: Verdict) -> None:

@@ -20,7 +20,7 @@ from mindstage.rdf import Severity
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import BlankNode, Body, BodyId, Color, Iri, IriRef, Literal, Pose, PropertyAssertion, Vector, World
 from mindstage.scene.colors import hex_color
-from mindstage.scene.kinematics import is_robot_part, joint_reach
+from mindstage.scene.joint_kinematics import is_robot_part, joint_reach
 from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation import ConnectedClient, EngineStats, JointAxisState, JointHandle, Simulation, StateSnapshot
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel

@@ -28,10 +28,10 @@ from mindstage.knowledge.names import EntityType
 from mindstage.ranges import Angle, Coordinate
 from mindstage.robots import find_robot, robots_of
 from mindstage.robots.base_placement import reachable_region
-from mindstage.robots.kinematics import RobotKinematics
-from mindstage.robots.model import Arm, RobotJointType
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
+from mindstage.robots.robot_model import Arm, RobotJointType
 from mindstage.robots.sensors import measure, sensor_names
 from mindstage.robots.skills.declaration import (
     ParameterType,
@@ -91,7 +91,7 @@ class AddRobotRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     model: _Name
     """A name of the catalog; pages cannot read files of this machine."""
-    at: tuple[Coordinate, Coordinate, Angle] | None = None
+    pose: tuple[Coordinate, Coordinate, Angle] | None = None
     """x, y [m] and yaw [rad]; by default on the free floor nearest to the point that the camera looks at."""
 
 
@@ -448,7 +448,7 @@ class RobotHandler:
             raise InvalidArgumentError(request.model, cause="there is no such model in the catalog", remedy=remedy)
         center = self._view_center(session)
         near = None if center is None else center[:2]
-        robot = add_standing_robot(self._simulation, request.model, request.at, near=near)
+        robot = add_standing_robot(self._simulation, request.model, request.pose, near=near)
         self.publish()
         return robot.name
 
@@ -591,7 +591,7 @@ def _described(robot: Robot) -> dict[str, object]:
                 "name": joint.name,
                 "lower": joint.lower,
                 "upper": joint.upper,
-                "slides": joint.type is RobotJointType.PRISMATIC,
+                "is_prismatic": joint.type is RobotJointType.PRISMATIC,
                 "group": groups.get(joint.name, ""),
             }
             for joint in model.actuated_joints

@@ -3,7 +3,7 @@
 The channel is one websocket per page with small JSON messages:
 
     page → server   {"id": 7, "method": "select", "params": {"id": "Mug"}}
-    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"type": "BodyUnknown", "message": "no body …"}}
+    server → page   {"id": 7, "result": …}   or   {"id": 7, "error": {"code": "BodyNotFoundError", "message": "…"}}
     server → page   {"topic": "clock", "value": …}                                                  (event)
 
 Every request gets a response. Parameters are typed, unknown fields are refused with the path to them. Requests run in
@@ -87,8 +87,8 @@ __all__ = [
     "Handler",
     "HttpRoutes",
     "Later",
-    "PageServer",
     "RpcChannel",
+    "ViewerServer",
     "WebSocket",
     "address",
     "event_message",
@@ -418,10 +418,10 @@ Handler = Callable[[ClientSession, R], object]
 _log = logging.getLogger(__name__)
 
 
-class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, rename={"arguments": "params"}):
+class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     id: Annotated[int, msgspec.Meta(ge=-(2**53), le=2**53)]
     method: str
-    arguments: msgspec.Raw = msgspec.Raw(b"{}")
+    params: msgspec.Raw = msgspec.Raw(b"{}")
 
 
 class _Method(msgspec.Struct, frozen=True):
@@ -572,7 +572,7 @@ class RpcChannel:
             try:
                 if len(pending) >= self.limits.max_pending or not rate.try_take(now_s):
                     raise RequestLimitError(request.method, cause="too many requests at once; wait for the responses")
-                method.policy.admit(request.method, len(bytes(request.arguments)), visitor, now_s)
+                method.policy.admit(request.method, len(bytes(request.params)), visitor, now_s)
             except RequestLimitError as error:
                 session.send(_error_message(request.id, error.code, str(error)))
                 continue
@@ -587,11 +587,11 @@ class RpcChannel:
             request = msgspec.json.decode(message, type=_Request)
         except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
             refused = InvalidRequestError("a message", cause=str(error))
-            session.send(_error_message(_request_id(message), "RequestRefused", str(refused)))
+            session.send(_error_message(_request_id(message), "InvalidRequestError", str(refused)))
             return None
         if request.method not in self._methods:
             refused = InvalidRequestError(repr(request.method), cause="there is no such method", known=self._methods)
-            session.send(_error_message(request.id, "RequestRefused", str(refused)))
+            session.send(_error_message(request.id, "InvalidRequestError", str(refused)))
             return None
         return request
 
@@ -625,10 +625,10 @@ class RpcChannel:
         """Calls the handler of a request, or finishes it; returns the reply, or what to wait for."""
         method = self._methods[request.method]
         try:
-            arguments = msgspec.json.decode(request.arguments, type=method.request_type)
+            arguments = msgspec.json.decode(request.params, type=method.request_type)
         except (msgspec.DecodeError, RecursionError) as error:
             refused = InvalidRequestError(repr(request.method), cause=str(error))
-            return _error_message(request.id, "RequestRefused", str(refused))
+            return _error_message(request.id, "InvalidRequestError", str(refused))
         try:
             with as_client(CLIENT):
                 result = method.handler(session, arguments) if later is None else later.finish()
@@ -640,7 +640,7 @@ class RpcChannel:
                 return encode_json(answer)
         except MindstageError as error:
             return _error_message(
-                request.id, error.code, without_paths(str(error), given=bytes(request.arguments).decode())
+                request.id, error.code, without_paths(str(error), given=bytes(request.params).decode())
             )
         except Exception as error:  # reported to the page and logged
             _log.error("request %r failed", request.method, exc_info=error)
@@ -667,8 +667,8 @@ def _request_id(message: str | bytes) -> int | None:
     return id if isinstance(id, int) and not isinstance(id, bool) else None
 
 
-def _error_message(id: int | None, type: str, text: str) -> bytes:
-    return encode_json({"id": id, "error": {"type": type, "message": text}})
+def _error_message(id: int | None, code: str, text: str) -> bytes:
+    return encode_json({"id": id, "error": {"code": code, "message": text}})
 
 
 def _session_key(path: str) -> str:
@@ -679,7 +679,7 @@ def _session_key(path: str) -> str:
 _output_lock = threading.Lock()
 
 
-class PageServer(viser.ViserServer):
+class ViewerServer(viser.ViserServer):
     """Viser's server with the routes of Mindstage."""
 
     secure = False
@@ -711,8 +711,8 @@ def serve(
     origins: Collection[str] = (),
     tls: TlsCertificate | None = None,
     visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
-) -> PageServer:
-    """Starts a server, which answers 503 until it is opened (`PageServer.open`).
+) -> ViewerServer:
+    """Starts a server, which answers 503 until it is opened (`ViewerServer.open`).
 
     Args:
         host: the address to listen on; any other than a loopback address needs a token.
@@ -734,7 +734,7 @@ def serve(
     routes = HttpRoutes(RequestFilter(gate), channel=channel.serve_session, tls=context)
     free = _free_port(host, port)
     with _without_output(), patched_viser(routes):
-        server = PageServer(host=host, port=free, label=title, verbose=False)
+        server = ViewerServer(host=host, port=free, label=title, verbose=False)
     if not routes.patched:
         shut_down(server)
         raise ViewerUnavailableError(
@@ -765,7 +765,7 @@ def shut_down(server: viser.ViserServer) -> None:
 
 def address(server: viser.ViserServer) -> str:
     """The URL of the page."""
-    scheme = "https" if isinstance(server, PageServer) and server.secure else "http"
+    scheme = "https" if isinstance(server, ViewerServer) and server.secure else "http"
     host = {"0.0.0.0": "127.0.0.1", "::": "::1", "": "127.0.0.1"}.get(server.get_host(), server.get_host())
     return f"{scheme}://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 

@@ -4,7 +4,7 @@
 
 short(Iri, Name) :- rdf_split_url(_, Name, Iri).
 able(Action) :- action_feasible_on_robot(Action, mobile_manipulator).
-safe(Plan) :- try_in_simulation(Plan, verdict(succeeded, _, _, _)).
+safe(Plan) :- evaluate_plan(Plan, verdict(succeeded, _, _, _)).
 
 :- begin_tests(robot).
 
@@ -17,7 +17,7 @@ test(nothing_is_missing_for_that) :-
 test(waiting_is_safe) :- safe([wait(0.1)]).
 test(a_mug_that_is_pushed_over_the_edge, true(Outcome == failed)) :-
     Mug = 'Mug',
-    try_in_simulation([move(Mug, by(-1.0, 0.0, 0.0)), wait(1)], verdict(Outcome, _, Samples, _),
+    evaluate_plan([move(Mug, by(-1.0, 0.0, 0.0)), wait(1)], verdict(Outcome, _, Samples, _),
                       [samples(2), seed(1), check(where_is(thing='Mug', other='Cupboard'))]),
     Samples >= 1.
 test(it_parks, true(Outcome == succeeded)) :- perform(park, result(Outcome, _, _)).

@@ -81,7 +81,7 @@ test(members_of_containers_are_numbered, true(Number == 3)) :-
 test(labels_are_searched) :- rdf_match_label(word, milk, 'a pint of milk'), \+ rdf_match_label(prefix, milk, 'a pint of milk').
 test(languages) :- lang_equal('en-GB', 'en-gb'), \+ lang_equal(en, de).
 test(labels_in_english, [nondet, true(Label == 'cow\'s milk')]) :- in_language(en, knowrob:'CowsMilk', Label).
-test(the_store_is_never_emptied, throws(mindstage_error(argument_refused, _))) :- rdf_reset_db.
-test(a_source_is_not_unloaded, throws(mindstage_error(argument_refused, _))) :- rdf_unload('kitchen.owl').
+test(the_store_is_never_emptied, throws(mindstage_error('InvalidArgumentError', _))) :- rdf_reset_db.
+test(a_source_is_not_unloaded, throws(mindstage_error('InvalidArgumentError', _))) :- rdf_unload('kitchen.owl').
 
 :- end_tests(statements).

@@ -9,7 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.robots.drives import finger_links_by_finger, links_moved_by
-from mindstage.robots.model import (
+from mindstage.robots.models.link_tree import LinkTree, shape_points, sorted_tree
+from mindstage.robots.robot_model import (
     BaseType,
     Gripper,
     GripperType,
@@ -20,7 +21,6 @@ from mindstage.robots.model import (
     RobotMimic,
     RobotModel,
 )
-from mindstage.robots.models.link_tree import LinkTree, shape_points, sorted_tree
 from mindstage.scene import Pose
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from mindstage.errors import RobotModelError
-from mindstage.robots.model import BaseType
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.srdf import read_srdf
+from mindstage.robots.robot_model import BaseType
 
 TEXT = """
 <robot name="r">

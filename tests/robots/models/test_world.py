@@ -15,14 +15,14 @@ from mindstage.robots import add_robot
 from mindstage.robots.control import MotionOutcome
 from mindstage.robots.drives import drives_of
 from mindstage.robots.forward_kinematics import link_poses, rest_positions
-from mindstage.robots.model import BaseType, RobotJointType, RobotModel
 from mindstage.robots.models.link_tree import shape_points
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.robot_model import BaseType, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry
 from mindstage.scene.edits import Spawn
-from mindstage.scene.kinematics import moving_body
+from mindstage.scene.joint_kinematics import moving_body
 from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_multiply, quat_angle, quat_rotate
 from mindstage.simulation.simulation import Simulation
 from tests.robots.models.installed import known_model

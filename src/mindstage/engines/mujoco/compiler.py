@@ -551,7 +551,10 @@ class _SpecBuilder:
         model_input = self.model_input
         builder = model_input.builder
         excluded = {
-            id for pairs in (builder.collision_filter.excluded_pairs, builder.apart) for pair in pairs for id in pair
+            id
+            for pairs in (builder.collision_filter.excluded_pairs, builder.given_excluded_pairs)
+            for pair in pairs
+            for id in pair
         }
         joints = model_input.builder.registry.joints.values()
         excluded |= {end for joint in joints for end in (joint.parent, joint.child)}

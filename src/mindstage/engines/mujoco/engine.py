@@ -35,6 +35,7 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.editing import EditingEngine, Performed
 from mindstage.engines.edits import RestoreBodies, SetActuators, SimulatedBodies
+from mindstage.engines.entity_registry import EntityRegistry, pose_error
 from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
 from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
@@ -52,13 +53,12 @@ from mindstage.engines.mujoco.state import (
     wake_islands,
 )
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
-from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
 from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import BodyGeometry, BodyId, Color, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetPhysics, Spawn
-from mindstage.scene.kinematics import coupled_positions, first_movable_axis
+from mindstage.scene.joint_kinematics import coupled_positions, first_movable_axis
 from mindstage.scene.transforms import (
     Array,
     normalize,

@@ -32,6 +32,7 @@ from mindstage.bridge.conversions import (
 from mindstage.engines.base import Actuator, Capability, PoseArray, SpawnNote, SpawnReport
 from mindstage.engines.editing import EditingEngine, Performed, is_moved, unsupported_edit
 from mindstage.engines.edits import RestoreBodies, SetActuators, SimulatedBodies
+from mindstage.engines.entity_registry import EntityRegistry, pose_error
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.physics_model import (
     BodyModel,
@@ -41,7 +42,6 @@ from mindstage.engines.physics_model import (
     check_joint_limits,
     joint_positions_from_poses,
 )
-from mindstage.engines.registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import ServiceClient
 from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine, encode_geometry, encode_world
 from mindstage.errors import PoseUnreachableError
@@ -106,8 +106,8 @@ class ModelState:
         joints |= {id: joint for id, joint in target.joints.items() if self.joints.get(id) != joint}
         return PhysicsModelDelta(
             bodies={id: body for id, body in target.bodies.items() if self.bodies.get(id) != body},
-            apart=tuple(sorted(target.excluded_pairs - self.excluded_pairs)),
-            together=tuple(
+            excluded_pairs=tuple(sorted(target.excluded_pairs - self.excluded_pairs)),
+            included_pairs=tuple(
                 sorted(pair for pair in self.excluded_pairs - target.excluded_pairs if remaining.issuperset(pair))
             ),
             joints=joints,
@@ -127,7 +127,7 @@ def _body_change(model: BodyModel) -> BodyModelDelta:
         gravity=model.gravity,
         mass_kg=model.mass_kg,
         ghost=model.non_colliding,
-        solids=model.collision_shapes,
+        collision_shapes=model.collision_shapes,
         friction=model.friction,
         restitution=model.restitution,
         on_ground=model.on_ground,
@@ -271,7 +271,7 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         change = self._sent_state.diff_to(ModelState.from_builder(trial), poses=_poses_from_arrays(moved))
         usable, _ = encode_geometry(geometry)  # the report of the builder covers the others
         request = wire.SpawnWorld.Request(
-            world=text, forms=geometry_to_json(usable, mesh=self._export_mesh), plan=model_delta_to_json(change)
+            world=text, geometries=geometry_to_json(usable, mesh=self._export_mesh), plan=model_delta_to_json(change)
         )
         return self._spawn(request, entity_count=len(trial.registry.bodies))
 

@@ -43,7 +43,7 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.editing import apply_parts
 from mindstage.engines.edits import SetActuators
-from mindstage.engines.registry import EntityRegistry, pose_error
+from mindstage.engines.entity_registry import EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (
@@ -71,7 +71,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.collision_shapes import compile_geometry
 from mindstage.scene.edits import Delete, Edit, GeometryEdit, SetPoses, Spawn, edit_from_json, edit_to_json
-from mindstage.scene.kinematics import without_lost_masters
+from mindstage.scene.joint_kinematics import without_lost_masters
 
 __all__ = ["MeshExporter", "MindstageRemoteEngine", "encode_geometry", "encode_world"]
 
@@ -237,17 +237,17 @@ class MindstageRemoteEngine(RemoteEngine):
         self._own_meshes |= names
         sent = (msgspec.structs.replace(body, mesh=None) if body.id in names else body for body in world.bodies)
         text, unsent = encode_world(msgspec.structs.replace(world, bodies=tuple(sent)) if names else world)
-        usable, notes = encode_geometry(geometry if "forms" in self._remote_info.takes else NO_GEOMETRY)
+        usable, notes = encode_geometry(geometry if "geometries" in self._remote_info.takes else NO_GEOMETRY)
         if edit.immovable:
             reason = f"{self.name} decides by its own ontology which dynamic bodies are immovable"
-            notes = (*notes, SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, tuple(sorted(edit.immovable)), reason))
+            notes = (*notes, SpawnNote(SpawnNoteKind.UNSTATED, tuple(sorted(edit.immovable)), reason))
         if edit.excluded_pairs:
             pairs = tuple(sorted({id for pair in edit.excluded_pairs for id in pair}))
             notes = (
                 *notes,
-                SpawnNote(SpawnNoteKind.NOT_TRANSFERRED, pairs, f"{self.name} decides which pairs collide"),
+                SpawnNote(SpawnNoteKind.UNSTATED, pairs, f"{self.name} decides which pairs collide"),
             )
-        request = wire.SpawnWorld.Request(world=text, forms=geometry_to_json(usable, mesh=self._export_mesh))
+        request = wire.SpawnWorld.Request(world=text, geometries=geometry_to_json(usable, mesh=self._export_mesh))
         report = self._spawn(request, entity_count=len(world.bodies) + len(world.joints))
         return msgspec.structs.replace(
             report,
@@ -280,7 +280,7 @@ class MindstageRemoteEngine(RemoteEngine):
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         request = wire.Highlight.Request(ids=tuple(ids))
         if color is not None:
-            request = msgspec.structs.replace(request, lit=True, color=color_message(color))
+            request = msgspec.structs.replace(request, highlighted=True, color=color_message(color))
         self._call(wire.Highlight, request)
 
     def highlights(self) -> Mapping[BodyId, Color]:
@@ -478,7 +478,7 @@ def _raise_refusal(reply: Any, error: type[Exception]) -> None:
     """
     if getattr(reply, "success", True):
         return
-    if reply.refusal.kind:
+    if reply.refusal.code:
         raise message_to_error(reply.refusal)
     if not isinstance(reply, wire.SpawnWorld.Response):  # its report lists the failures
         raise error(reply.refusal.text or "the remote engine refused the request without a reason")

@@ -42,7 +42,7 @@ from mindstage.engines.base import (
 )
 from mindstage.engines.editing import EditingEngine, Performed
 from mindstage.engines.edits import RestoreBodies, SimulatedBodies
-from mindstage.engines.registry import AddResult, EntityRegistry, pose_error
+from mindstage.engines.entity_registry import AddResult, EntityRegistry, pose_error
 from mindstage.engines.remote.client import TIMEOUT_PER_ENTITY_S, RemoteProfile, ServiceClient
 from mindstage.engines.remote.engine import RemoteEngine
 from mindstage.errors import (
@@ -233,7 +233,7 @@ def _omission_notes(world: World) -> Iterator[SpawnNote]:
     """Notes on properties that are not sent to Unreal; snapshots still have them."""
     for omission in untranslatable_fields(world):
         yield SpawnNote(
-            SpawnNoteKind.NOT_TRANSFERRED,
+            SpawnNoteKind.UNSTATED,
             tuple(omission.ids),
             f"{omission.field} not sent to Unreal: {omission.text}",
         )

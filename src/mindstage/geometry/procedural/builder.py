@@ -35,8 +35,8 @@ from mindstage.geometry.procedural.texture_coordinates import (
 from mindstage.scene import IDENTITY, Color, Pose, Quaternion, Vector
 from mindstage.scene.geometry import CollisionShape, CollisionShapeType, PbrMaterial
 from mindstage.scene.mesh import TriangleMesh, boxes, joined, lathe, loft, panel_with_cutouts, scaled, sweep
-from mindstage.scene.model import FrozenStruct
 from mindstage.scene.transforms import Array, quat_multiply, quaternion_from_matrix
+from mindstage.scene.world_model import FrozenStruct
 from mindstage.textures.catalog import TextureInfo
 
 __all__ = [

@@ -390,13 +390,13 @@ class Shelf(ShapeTemplate, frozen=True, kw_only=True):
         {"body": finishes.OAK, "metal": finishes.IRON, "top": "body", "inside": "body", "shelf": "body"}
     )
     board: Thickness = 0.03
-    apart: Thickness = 0.34
+    shelf_spacing: Thickness = 0.34
     """Distance between the shelves of a tall unit [m]."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
-        if size[2] > max(self.apart, 1.2 * float(size[0])):
-            count = min(round(float(size[2]) / self.apart) - 1, 12)
+        if size[2] > max(self.shelf_spacing, 1.2 * float(size[0])):
+            count = min(round(float(size[2]) / self.shelf_spacing) - 1, 12)
             Cabinet(wall=min(self.board, 0.1 * builder.min_extent), shelf=self.board, shelves=count).build(builder)
             return
         builder.add_support_surface(low, high, float(high[2]))

@@ -58,7 +58,7 @@ __all__ = [
     "MapCounts",
     "PartOf",
     "PoseRow",
-    "analyse",
+    "analyze",
     "handle_of",
     "part_of",
     "pose_of",
@@ -545,11 +545,11 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
         "how many (objects|joints|individuals|things) are there",
     )
 )
-def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
+def analyze(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:
     """Counts of what a map describes, as its files state it: the numbers of the thesis's analyse_semantic_map.
 
     Examples:
-        analyse
+        analyze
     """
     for each in sorted(kb.maps()) if map is None else {map} & {*kb.maps()}:
         counts = kb.map_statistics(each)
@@ -563,7 +563,7 @@ def analyse(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCoun
         )
 
 
-@analyse.explain
+@analyze.explain
 def _explain_counts(kb: QuestionContext, row: MapCounts) -> Iterator[str]:
     name = local_name(row.map)
     yield f"{row.individuals} individuals have describedInMap {name}; their poses and limits are not counted"
@@ -572,6 +572,6 @@ def _explain_counts(kb: QuestionContext, row: MapCounts) -> Iterator[str]:
     yield f"{row.relations} different pairs of parent and child, including the two ends of each constraint"
 
 
-@analyse.missing
+@analyze.missing
 def _missing_counts(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     yield from missing_description(kb.reasoner, None, None) if asked.map is None else missing_file(asked.map)

@@ -483,7 +483,7 @@ def _rooms_in(kb: QuestionContext, bodies: PlacedBodies, thing: Iri | None) -> I
 
 
 def _is_named(kb: QuestionContext, cls: Iri, names: frozenset[str]) -> bool:
-    known: dict[Iri, bool] = kb.derived(("is named", names), dict)
+    known: dict[Iri, bool] = kb.cached(("is named", names), dict)
     if cls not in known:
         known[cls] = any(local_name(above) in names for above in (cls, *kb.reasoner.classes.above(cls)))
     return known[cls]
@@ -533,7 +533,7 @@ def _classes_named(kb: QuestionContext, name: str) -> list[Iri]:
             found.setdefault(local_name(cls), []).append(cls)
         return found
 
-    return kb.derived("classes by local name", by_name).get(name, [])
+    return kb.cached("classes by local name", by_name).get(name, [])
 
 
 def _contains_points(placed: BodyBoxes, row: int, points: Array) -> Array:

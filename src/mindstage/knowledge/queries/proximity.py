@@ -37,7 +37,7 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import HAS_POSE, THING
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas, polygon_overlap_areas
-from mindstage.scene.kinematics import RigidGroups
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.proximity import (
     BodyBoxes,
     Direction,

@@ -25,7 +25,13 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import CHILD, HAS_POSE, knowrob
 from mindstage.scene import Body, BodyId, Iri, Joint, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage
-from mindstage.scene.kinematics import JointDisplacement, RigidGroups, is_robot_part, joint_displacement, moving_body
+from mindstage.scene.joint_kinematics import (
+    JointDisplacement,
+    RigidGroups,
+    is_robot_part,
+    joint_displacement,
+    moving_body,
+)
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalize, pose_array
 

@@ -201,7 +201,7 @@ class ActionDevice(AnswerRow, frozen=True, kw_only=True):
 
     action: ClassName
     device: ClassName
-    told_by: ClassName
+    source: ClassName
     """The action's class, or the superclass that has the restriction."""
 
 
@@ -244,14 +244,14 @@ def _find_devices(reasoner: Reasoner, action: Iri, device: Iri | None = None) ->
     needs = list(_needed_classes(reasoner, action))
     is_named = device is not None and device in _all_devices(reasoner)
     seen = set()
-    for needed, told_by in needs:
+    for needed, source in needs:
         found = needed
         if device is not None:
             matches = device in reasoner.equivalents(needed) if is_named else reasoner.is_a(needed, device)
             found = device if matches else needed
         if found not in seen and device in {None, found}:
             seen.add(found)
-            yield ActionDevice(action=action, device=found, told_by=told_by)
+            yield ActionDevice(action=action, device=found, source=source)
 
 
 def _needed_classes(reasoner: Reasoner, action: Iri) -> Iterator[tuple[Iri, Iri]]:
@@ -283,16 +283,16 @@ def _all_actions(reasoner: Reasoner) -> list[Iri]:
 @device_for_action.explain
 def _explain_device(kb: QuestionContext, row: ActionDevice) -> Iterator[str]:
     reasoner = kb.reasoner
-    yield from subclass_line(reasoner.classes.path(row.action, row.told_by))
-    for owned in _device_restrictions(reasoner, row.told_by):
+    yield from subclass_line(reasoner.classes.path(row.action, row.source))
+    for owned in _device_restrictions(reasoner, row.source):
         named = (each for each in named_classes(owned.restriction.filler) if reasoner.is_a(each, row.device))
-        if owned.cls == row.told_by and (needed := next(named, None)):
+        if owned.cls == row.source and (needed := next(named, None)):
             yield restriction_line(owned.cls, owned.restriction)
             yield from subproperty_line(reasoner.properties.implication_path(owned.restriction.property, _DEVICE_USED))
             yield from subclass_line(reasoner.classes.path(needed, row.device))
             return
     for each in _affordances(reasoner, _tasks):
-        if each.purpose == row.told_by and reasoner.is_a(each.owner, row.device):
+        if each.purpose == row.source and reasoner.is_a(each.owner, row.device):
             yield from each.lines
             yield from subclass_line(reasoner.classes.path(each.owner, row.device))
             return

@@ -165,7 +165,7 @@ class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
     count: int | None
     value: ValueName
     """A class or an individual; a literal or an expression as text with local names."""
-    told_by: ClassName
+    source: ClassName
     """The superclass that the restriction is inherited from, or the class itself."""
 
 
@@ -206,7 +206,7 @@ def class_properties(
                     kind=restriction.restriction_type.value,
                     count=restriction.cardinality,
                     value=value if value and filler in same else filler,
-                    told_by=owned.cls,
+                    source=owned.cls,
                 )
 
 
@@ -227,14 +227,14 @@ def _filler_text(filler: Expression | None) -> str:
 
 @class_properties.explain
 def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator[str]:
-    yield from subclass_line(kb.reasoner.classes.path(row.cls, row.told_by))
+    yield from subclass_line(kb.reasoner.classes.path(row.cls, row.source))
     same = frozenset(kb.reasoner.equivalents(Iri(row.value)))
-    for restriction in kb.reasoner.axioms.own_restrictions(row.told_by):
+    for restriction in kb.reasoner.axioms.own_restrictions(row.source):
         described = restriction.restriction_type.value, restriction.cardinality
         if described == (row.kind, row.count) and _filler_text(restriction.filler) in same:
             path = kb.reasoner.properties.implication_path(restriction.property, row.property)
             if path:
-                yield restriction_line(row.told_by, restriction)
+                yield restriction_line(row.source, restriction)
                 yield from subproperty_line(path)
 
 

@@ -60,7 +60,7 @@ from mindstage.scene import (
     Vector,
     World,
 )
-from mindstage.scene.kinematics import FrontSide, ObservedBox, front_side, is_handle_class
+from mindstage.scene.joint_kinematics import FrontSide, ObservedBox, front_side, is_handle_class
 from mindstage.scene.transforms import Array
 
 __all__ = ["AMEVA", "AMEVA_DIALECT", "add_joint_definitions", "is_ameva", "read_ameva"]

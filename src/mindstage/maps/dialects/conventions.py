@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 
-class Assumption(msgspec.Struct, frozen=True, rename={"topic": "about"}):
+class Assumption(msgspec.Struct, frozen=True):
     """A decision about a whole map that the map does not state; a wrong one affects everything read from the map."""
 
     map: Iri

@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from mindstage.scene import AngularLimits, AxisMotion, LinearLimits, Pose, SoftLimit, Vector
-from mindstage.scene.kinematics import ObservedBox, front_side
+from mindstage.scene.joint_kinematics import ObservedBox, front_side
 from mindstage.scene.transforms import Array, pose_from_array
 
 __all__ = [

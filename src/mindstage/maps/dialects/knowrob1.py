@@ -66,7 +66,7 @@ from mindstage.rdf.vocabulary import (
     xsd,
 )
 from mindstage.scene import BlankNode, Body, FactValue, Iri, IriRef, Literal, Pose, PropertyAssertion, World
-from mindstage.scene.kinematics import ObservedBox
+from mindstage.scene.joint_kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
 
 __all__ = [

@@ -50,7 +50,7 @@ from mindstage.rdf.vocabulary import (
     urdf,
 )
 from mindstage.scene import Iri, IriRef, Material, Pose, PrimitiveType, World
-from mindstage.scene.kinematics import ObservedBox
+from mindstage.scene.joint_kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, quat_rotate
 
 __all__ = ["SOMA", "add_joints", "is_soma", "read_soma"]

@@ -67,7 +67,7 @@ from mindstage.scene import (
     PropertyAssertion,
     World,
 )
-from mindstage.scene.kinematics import axis_ranges
+from mindstage.scene.joint_kinematics import axis_ranges
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply, quat_rotate
 
 __all__ = [

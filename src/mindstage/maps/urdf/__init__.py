@@ -10,12 +10,12 @@ from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mindstage.maps.urdf.in_maps import ClassNameIndex, is_urdf
-    from mindstage.maps.urdf.model import UrdfRobot
     from mindstage.maps.urdf.parse import read_urdf
     from mindstage.maps.urdf.to_world import UrdfWorld, urdf_to_world
+    from mindstage.maps.urdf.urdf_model import UrdfRobot
 
 __all__ = ["ClassNameIndex", "UrdfRobot", "UrdfWorld", "is_urdf", "read_urdf", "urdf_to_world"]
 
-_MODULES = ("in_maps", "model", "parse", "to_world")
+_MODULES = ("in_maps", "urdf_model", "parse", "to_world")
 
 __getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in _MODULES])

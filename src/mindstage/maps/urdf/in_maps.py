@@ -36,8 +36,8 @@ from mindstage.rdf.vocabulary import (
 from mindstage.scene import Iri, IriRef
 
 if TYPE_CHECKING:  # few maps refer to robot descriptions, and parsing them needs NumPy
-    from mindstage.maps.urdf.model import UrdfRobot
     from mindstage.maps.urdf.to_world import UrdfWorld
+    from mindstage.maps.urdf.urdf_model import UrdfRobot
 
 __all__ = ["ClassNameIndex", "UrdfSources", "is_urdf", "linked_individuals"]
 

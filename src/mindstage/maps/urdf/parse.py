@@ -23,7 +23,7 @@ from mindstage.errors import SourceParseError, XacroRefusedError, without_surrog
 from mindstage.maps.dialects.joints import to_vector
 from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.rdf_mapping import properties as codecs
-from mindstage.maps.urdf.model import (
+from mindstage.maps.urdf.urdf_model import (
     UrdfGeometry,
     UrdfGeometryType,
     UrdfInertial,

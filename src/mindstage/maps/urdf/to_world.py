@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.maps.dialects.joints import JointType, joint_from_axis
-from mindstage.maps.urdf.model import (
+from mindstage.maps.urdf.urdf_model import (
     UrdfGeometry,
     UrdfGeometryType,
     UrdfIssue,

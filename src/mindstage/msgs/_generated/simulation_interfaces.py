@@ -84,10 +84,9 @@ class BoundsType(base.Uint8Enum):
 class Category(base.Uint8Enum):
     """Category of an entity."""
 
-    CATEGORY_UNKNOWN = 0
-    CATEGORY_OBJECT = 1
-    CATEGORY_ROBOT = 2
-    CATEGORY_HUMAN = 3
+    CATEGORY_OBJECT = 0
+    CATEGORY_ROBOT = 1
+    CATEGORY_HUMAN = 2
     CATEGORY_DYNAMIC_OBJECT = 4
     CATEGORY_STATIC_OBJECT = 5
 
@@ -240,7 +239,7 @@ class Bounds(base.Message, frozen=True):
 class EntityCategory(base.Message, frozen=True):
     """Category of an entity."""
 
-    category: Category = Category.CATEGORY_UNKNOWN
+    category: Category = Category.CATEGORY_OBJECT
 
 
 class TagsFilter(base.Message, frozen=True):

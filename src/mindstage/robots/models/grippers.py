@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from mindstage.robots.forward_kinematics import rest_positions
-from mindstage.robots.model import Gripper, GripperType, ModelNote, RobotJoint
 from mindstage.robots.models.link_tree import LinkTree
+from mindstage.robots.robot_model import Gripper, GripperType, ModelNote, RobotJoint
 from mindstage.scene.transforms import (
     Array,
     pose_from_array,

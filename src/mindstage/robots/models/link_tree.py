@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.robots.forward_kinematics import link_poses
-from mindstage.robots.model import ModelNote, RobotJoint, RobotLink
+from mindstage.robots.robot_model import ModelNote, RobotJoint, RobotLink
 from mindstage.scene import CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 

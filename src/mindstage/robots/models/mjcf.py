@@ -26,8 +26,8 @@ from mindstage.engines.mujoco.mjcf_reading import (
 )
 from mindstage.errors import RobotModelError
 from mindstage.robots.forward_kinematics import joint_motion
-from mindstage.robots.model import BaseType, ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
 from mindstage.robots.models.link_geometry import PrimitivePart, hull_shape, primitive_mesh
+from mindstage.robots.robot_model import BaseType, ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
 from mindstage.scene import (
     BodyGeometry,
     CollisionShape,

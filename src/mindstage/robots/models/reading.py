@@ -14,10 +14,16 @@ from msgspec.structs import replace
 from mindstage.errors import RobotModelError, SourceParseError
 from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.io.xml import first_tag
-from mindstage.maps.urdf.model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.maps.urdf.parse import read_urdf
+from mindstage.maps.urdf.urdf_model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.maps.urdf.xacro_process import is_requested
-from mindstage.robots.model import (
+from mindstage.robots.models.catalog import ModelSource, find_model
+from mindstage.robots.models.link_geometry import read_link_geometries
+from mindstage.robots.models.link_tree import LinkTree, sorted_tree
+from mindstage.robots.models.mjcf import read_mjcf_robot
+from mindstage.robots.models.srdf import Srdf, read_srdf
+from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
+from mindstage.robots.robot_model import (
     BaseType,
     ModelNote,
     RobotJoint,
@@ -26,12 +32,6 @@ from mindstage.robots.model import (
     RobotMimic,
     RobotModel,
 )
-from mindstage.robots.models.catalog import ModelSource, find_model
-from mindstage.robots.models.link_geometry import read_link_geometries
-from mindstage.robots.models.link_tree import LinkTree, sorted_tree
-from mindstage.robots.models.mjcf import read_mjcf_robot
-from mindstage.robots.models.srdf import Srdf, read_srdf
-from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
 from mindstage.scene import Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix

@@ -29,8 +29,8 @@ from mindstage.scene import BodyId
 
 __all__ = [
     "AngleRad",
+    "ClassName",
     "FractionOpen",
-    "KindName",
     "LengthM",
     "ParameterType",
     "Skill",
@@ -97,7 +97,7 @@ class ParameterType(StrEnum):
 
 ThingName = Annotated[str, ParameterType.THING]
 SupportName = Annotated[str, ParameterType.SUPPORT]
-KindName = Annotated[str, ParameterType.CLASS]
+ClassName = Annotated[str, ParameterType.CLASS]
 LengthM = Annotated[float, ParameterType.LENGTH]
 AngleRad = Annotated[float, ParameterType.ANGLE]
 FractionOpen = Annotated[float, ParameterType.FRACTION]

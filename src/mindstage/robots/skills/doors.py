@@ -136,26 +136,26 @@ def _moving_once(
     *,
     is_fixed: bool,
 ) -> SkillMotion:
-    """Grasps a handle or an edge, or touches a side, moves it as far as possible from one stance, and releases it.
+    """Grasps a handle or an edge, or touches a side, moves it as far as possible from one placement, and releases it.
 
     Args:
         hand: the arm.
         opening: the door or drawer.
-        motion: the stance and the path.
+        motion: the placement and the path.
         verb: "open" or "close".
         fraction: where to, from 0 to 1.
         is_fixed: whether the handle is fixed to the gripper by a spring, instead of being held by friction.
     """
-    body, stance, planned = motion.body, motion.stance, opening.openness
-    yield from hand.driving_to(stance.base, why=f"to reach {body}")
+    body, placement, planned = motion.body, motion.placement, opening.openness
+    yield from hand.driving_to(placement.base, why=f"to reach {body}")
     if motion.way is FrontWay.PUSH:
         yield from hand.closing()
     else:
-        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
-    yield from hand.moving_to(stance.start, why=f"in front of {body}")
+        yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
+    yield from hand.moving_to(placement.start, why=f"in front of {body}")
     if abs(opening.openness - planned) > _MOVED:
         return  # it has fallen, or was pushed on the way; the next round is planned for where it is now
-    grasp = stance.grasp.in_world(task.surroundings().pose(body))
+    grasp = placement.grasp.in_world(task.surroundings().pose(body))
     yield from hand.moving_straight(grasp, why=f"to {body}", may_touch=True)
     if motion.way is FrontWay.PUSH:
         yield from _pushing(task, hand, opening, motion)
@@ -169,7 +169,7 @@ def _moving_once(
         with task.step(verb, f"{verb} {opening.front} to {fraction:.0%}"):
             yield from _moving_grasped(task, hand, opening, motion, is_fixed=is_fixed)
             missing = abs(opening.openness - fraction)
-            if motion.stance.reach >= _WHOLE and _EXACT < missing <= _MISSING:
+            if motion.placement.reach >= _WHOLE and _EXACT < missing <= _MISSING:
                 rest = _rest_of_motion(task, opening, motion)
                 yield from _moving_grasped(task, hand, opening, rest, is_fixed=is_fixed)
     except (SkillFailedError, UnreachableError, CommandRefusedError):
@@ -186,7 +186,7 @@ def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: Front
         pressed = motion.path.copy()
         ahead = _PRESS_M * np.linspace(1.0, 0.0, len(pressed))[:, None]
         pressed[:, :3] += ahead * _directions(pressed[:, :3])
-        pressed = pressed[: motion.stance.stop]
+        pressed = pressed[: motion.placement.stop]
         path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
@@ -208,8 +208,8 @@ def _moving_grasped(
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
-    poses = pose_multiply(motion.poses[: motion.stance.stop], in_hand)
-    path = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.stance.path))
+    poses = pose_multiply(motion.poses[: motion.placement.stop], in_hand)
+    path = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.placement.path))
     if not path.is_complete:
         other = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile))
         path = max(path, other, key=lambda each: each.reached)
@@ -237,14 +237,14 @@ def _rest_of_motion(task: SkillTask, opening: Opening, motion: FrontMotion) -> F
     positions = np.linspace(opening.joint.position, motion.positions[-1], _REST_POSES)
     fronts = [normalized_pose_array(opening.joint.pose_at(each)) for each in positions.tolist()]
     poses = np.array([pose_multiply(each, in_front) for each in fronts])
-    stance = motion.stance._replace(path=motion.stance.path._replace(reached=0), stop=len(poses))
-    return motion._replace(poses=poses, positions=positions, stance=stance)
+    placement = motion.placement._replace(path=motion.placement.path._replace(reached=0), stop=len(poses))
+    return motion._replace(poses=poses, positions=positions, placement=placement)
 
 
 def _free_path(hand: Manipulator, opening: Opening, motion: FrontMotion, path: ArmPath) -> ArmPath:
     """The first part of a path, up to where the robot would touch something else than the front.
 
-    The path that was tested for the stance began at the exact grasp, and ended at a collision, too.
+    The path that was tested for the placement began at the exact grasp, and ended at a collision, too.
     """
     return hand.free_part(
         path, touch=_parts(opening), joint=opening.joint.id, joint_positions=motion.positions.tolist()
@@ -290,6 +290,6 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def _letting_go(hand: Manipulator, opening: Opening, motion: FrontMotion) -> SkillMotion:
     """Opens the gripper and withdraws it."""
-    yield from hand.opening(hand.robot.opening(hand.gripper.name) + 2 * motion.stance.grasp.room_m)
+    yield from hand.opening(hand.robot.opening(hand.gripper.name) + 2 * motion.placement.grasp.room_m)
     with hand.task.step("move", f"move the gripper away from {motion.body}"):
         yield from hand.withdrawing(BACK_M[motion.way is not FrontWay.EDGE], touch=_parts(opening))

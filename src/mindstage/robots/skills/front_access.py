@@ -18,12 +18,12 @@ import numpy as np
 from mindstage.errors import UnreachableError
 from mindstage.ranges import Fraction, checked
 from mindstage.robots.collisions import Collision, HandChecker
-from mindstage.robots.kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
 from mindstage.robots.skills.manipulator import BasePose, Manipulator, hands_of
-from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
+from mindstage.robots.skills.path_placement import PathPlacement, PathPlacementRequest, find_path_placement
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Pose
@@ -67,7 +67,7 @@ _MAX_STEPS = 4
 _MAX_TRIES = 3
 """How often each way is tried without success, from different places."""
 _QUICK_STEPS, _LONG_STEPS = 40_000, 60_000
-"""Steps of the search for a stance (see `StanceRequest.steps`): for each way at first, and if none was found."""
+"""Steps of the search for a placement (`PathPlacementRequest.steps`): for each way at first, and if none was found."""
 
 
 class FrontWay(StrEnum):
@@ -82,10 +82,10 @@ class FrontWay(StrEnum):
 
 
 class FrontMotion(NamedTuple):
-    """A way to move a front, from one stance."""
+    """A way to move a front, from one placement."""
 
     way: FrontWay
-    stance: Stance
+    placement: PathPlacement
     body: BodyId
     """What is grasped or pushed: the handle, or the front."""
     poses: Array
@@ -97,13 +97,13 @@ class FrontMotion(NamedTuple):
 
     @property
     def end(self) -> float:
-        """The position of the joint up to which the stance reaches [m or rad]."""
-        return float(self.positions[0] + self.stance.part * (self.positions[-1] - self.positions[0]))
+        """The position of the joint up to which the placement reaches [m or rad]."""
+        return float(self.positions[0] + self.placement.part * (self.positions[-1] - self.positions[0]))
 
     @property
     def end_row(self) -> int:
-        """Number of the last pose that the stance reaches."""
-        return round(self.stance.part * (len(self.positions) - 1))
+        """Number of the last pose that the placement reaches."""
+        return round(self.placement.part * (len(self.positions) - 1))
 
 
 class FrontReachStep(msgspec.Struct, frozen=True, kw_only=True):
@@ -139,7 +139,7 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
     """Whether a robot can open a door or drawer, without moving anything: from where, how, or why not.
 
     Places of the base, grasps and pushes are sampled, and tested by inverse kinematics on the robot's model and for
-    collisions with the place; where one stance does not reach all the way, the next one goes on from there. What is
+    collisions with the place; where one placement does not reach all the way, the next one goes on from there. What is
     not found by these samples counts as not reachable.
 
     Args:
@@ -172,11 +172,11 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
             break
         position = found.end
         if hand.is_mobile:  # it goes on from where it stands then, with the front where it is then
-            path = found.stance.path
+            path = found.placement.path
             moved = _parts_at(opening, surroundings, position)
             floor = FloorMap(robot, moved=moved, start=hand.base_of(path.roots[found.end_row]))
-        steps.append(FrontReachStep(way=found.way, base=found.stance.base, openness=round(openness(), 3)))
-        reason = found.stance.why
+        steps.append(FrontReachStep(way=found.way, base=found.placement.base, openness=round(openness(), 3)))
+        reason = found.placement.why
     is_reachable = openness() >= _ALL * fraction
     return FrontReach(
         front=opening.front,
@@ -238,9 +238,9 @@ def find_front_motion(
         except UnreachableError as error:
             reasons[way] = error
             continue
-        if best is None or found.stance.reach > best.stance.reach:
+        if best is None or found.placement.reach > best.placement.reach:
             best = found
-        if best.stance.reach >= _ENOUGH[search.is_level]:
+        if best.placement.reach >= _ENOUGH[search.is_level]:
             break
     if best is not None:
         return best
@@ -296,7 +296,7 @@ class _FrontSearch:
             yield FrontWay.PUSH
 
     def find(self, way: FrontWay, floor: FloorMap | None, steps: int) -> FrontMotion:
-        """The best stance of a way.
+        """The best placement of a way.
 
         Raises:
             UnreachableError: there is none.
@@ -307,7 +307,7 @@ class _FrontSearch:
         if way is FrontWay.PUSH and self.is_closing and not opening.joint.is_prismatic:
             candidates = [*self._sweeps(), *candidates]
         free = self._free(way, body, self._within_reach(body, candidates))
-        request = StanceRequest(
+        request = PathPlacementRequest(
             body,
             [grasp for grasp, _ in free],
             poses,
@@ -322,10 +322,10 @@ class _FrontSearch:
             is_closed=way is FrontWay.PUSH,
             checks_path_closed=way is not FrontWay.PUSH,
             steps=steps,
-            avoided=[each.stance.base for each in self.tried if each.way is way],
+            avoided=[each.placement.base for each in self.tried if each.way is way],
         )
-        stance = find_stance(self.hand, request, floor)
-        return FrontMotion(way, stance, body, poses, request.paths[stance.number], self.positions)
+        placement = find_path_placement(self.hand, request, floor)
+        return FrontMotion(way, placement, body, poses, request.paths[placement.number], self.positions)
 
     def _front_at(self, position: float) -> Array:
         return normalized_pose_array(self.opening.joint.pose_at(position))

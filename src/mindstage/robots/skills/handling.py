@@ -14,7 +14,7 @@ from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SupportN
 from mindstage.robots.skills.doors import ACCESS, moving_front
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of, planar_pose
-from mindstage.robots.skills.stances import Stance, StanceRequest, find_stance
+from mindstage.robots.skills.path_placement import PathPlacement, PathPlacementRequest, find_path_placement
 from mindstage.robots.skills.surroundings import Opening, Surroundings
 from mindstage.robots.skills.task import SkillTask
 from mindstage.scene import BodyId, Pose
@@ -28,7 +28,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["grasp", "pick", "pick_up", "place", "pour", "put_down", "release", "stance_to_reach"]
+__all__ = ["grasp", "pick", "pick_up", "place", "placement_to_reach", "pour", "put_down", "release"]
 
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _BACK_M = 0.12
@@ -55,11 +55,11 @@ _PLACES = 10
 _MAX_TOPS = 5
 """Number of bodies on which it is tried to set a thing aside."""
 _MAX_STANCES = 4
-"""Number of stances that are tried if the arm finds no way."""
+"""Number of placements that are tried if the arm finds no way."""
 _TURNS = 4
 """Number of ways in which a thing is turned at each place."""
 _PLACE_STEPS = 25_000
-"""Number of steps of the search for each; see `StanceRequest.steps`."""
+"""Number of steps of the search for each; see `PathPlacementRequest.steps`."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
 _CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
@@ -184,7 +184,7 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     slipped = False
     for attempt in range(_ATTEMPTS):
         try:
-            stance = yield from _grasping(task, hand, task.surroundings(), id, upright=upright, fix=slipped)
+            placement = yield from _grasping(task, hand, task.surroundings(), id, upright=upright, fix=slipped)
         except SkillFailedError as error:
             if attempt == _ATTEMPTS - 1:
                 raise
@@ -192,7 +192,7 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
             yield from _letting_go(task, hand)
             yield from hand.parking()
             continue
-        yield from carrying(task, hand, stance.back_m)
+        yield from carrying(task, hand, placement.back_m)
         return
 
 
@@ -209,7 +209,7 @@ def _grasping(
     upright: bool | None,
     stays: bool = False,
     fix: bool = False,
-) -> Generator[float, None, Stance]:
+) -> Generator[float, None, PathPlacement]:
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
 
     Args:
@@ -224,10 +224,10 @@ def _grasping(
     """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
-        stance = yield from _hand_before(task, hand, surroundings, id, upright=upright, stays=stays)
-        yield from hand.moving_straight(stance.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
+        placement = yield from _hand_before(task, hand, surroundings, id, upright=upright, stays=stays)
+        yield from hand.moving_straight(placement.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
-        if stance.grasp.is_by_friction:
+        if placement.grasp.is_by_friction:
             held_by_friction = yield from hand.closing()
         if fix or not held_by_friction:
             _fix(task, hand, id, "the fingers do not hold it by friction")
@@ -237,23 +237,25 @@ def _grasping(
         if np.linalg.norm(drift) > _DRIFT_M:
             reason = f"{id} slipped out of the gripper while it was lifted"
             raise _SlippedError(hand.robot.name, reason=reason, suggestion="grasp it again")
-    return stance
+    return placement
 
 
-def _standing_before(hand: Manipulator, request: StanceRequest, stance: Stance) -> Generator[float, None, Stance]:
+def _standing_before(
+    hand: Manipulator, request: PathPlacementRequest, placement: PathPlacement
+) -> Generator[float, None, PathPlacement]:
     """Drives to where a thing is grasped, and takes the open hand in front of it, by the first grasp with a way."""
     for _ in range(_MAX_STANCES):
         if not request.stays:
-            yield from hand.driving_to(stance.base, why=f"to reach {request.target}")
-        yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
+            yield from hand.driving_to(placement.base, why=f"to reach {request.target}")
+        yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
         try:
-            yield from hand.moving_to(stance.start, why=f"in front of {request.target}", touch=(request.target,))
+            yield from hand.moving_to(placement.start, why=f"in front of {request.target}", touch=(request.target,))
         except UnreachableError:
-            others = [each for each in request.grasps if each.pose is not stance.grasp.pose]
+            others = [each for each in request.grasps if each.pose is not placement.grasp.pose]
             request = request._replace(grasps=others)
-            stance = find_stance(hand, request)
+            placement = find_path_placement(hand, request)
             continue
-        return stance
+        return placement
     raise UnreachableError(hand.robot.name, target=request.target, reason="the arm has no way to any of its grasps")
 
 
@@ -270,14 +272,14 @@ def _hand_before(
     *,
     upright: bool | None,
     stays: bool,
-) -> Generator[float, None, Stance]:
+) -> Generator[float, None, PathPlacement]:
     """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
 
-    What is in front of the thing is opened farther if there is no stance, or no way of the base or the arm.
+    What is in front of the thing is opened farther if there is no placement, or no way of the base or the arm.
     """
     floor = FloorMap(hand.robot) if hand.is_mobile and not stays else None
     try:
-        found = _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+        found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
         return (yield from _standing_before(hand, found[1], found[0]))
     except UnreachableError as error:
         cause = error
@@ -293,24 +295,24 @@ def _hand_before(
                 raise _with_front(cause, opening, error.reason) from None
         surroundings, floor = task.surroundings(), FloorMap(hand.robot)
         try:
-            found = _friction_stance(hand, surroundings, id, floor, upright=upright, stays=stays)
+            found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
             return (yield from _standing_before(hand, found[1], found[0]))
         except UnreachableError as error:
             cause = error
-    stance, request = _weld_stance(hand, surroundings, id, cause, floor, stays=stays)
-    return (yield from _standing_before(hand, request, stance))
+    placement, request = _weld_placement(hand, surroundings, id, cause, floor, stays=stays)
+    return (yield from _standing_before(hand, request, placement))
 
 
-def stance_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> Stance:
+def placement_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> PathPlacement:
     """How the hand gets in front of a thing from where the robot stands.
 
     Raises:
         UnreachableError: it does not.
     """
     try:
-        return _friction_stance(hand, surroundings, id, None, upright=None, stays=True)[0]
+        return _friction_placement(hand, surroundings, id, None, upright=None, stays=True)[0]
     except UnreachableError as error:
-        return _weld_stance(hand, surroundings, id, error, None, stays=True)[0]
+        return _weld_placement(hand, surroundings, id, error, None, stays=True)[0]
 
 
 def _with_front(cause: UnreachableError, opening: Opening, reason: str) -> UnreachableError:
@@ -319,7 +321,7 @@ def _with_front(cause: UnreachableError, opening: Opening, reason: str) -> Unrea
     return UnreachableError(cause.robot, target=cause.target, reason=text, obstacle=cause.obstacle)
 
 
-def _friction_stance(
+def _friction_placement(
     hand: Manipulator,
     surroundings: Surroundings,
     id: BodyId,
@@ -327,22 +329,22 @@ def _friction_stance(
     *,
     upright: bool | None,
     stays: bool,
-) -> tuple[Stance, StanceRequest]:
-    """A stance for a grasp by friction.
+) -> tuple[PathPlacement, PathPlacementRequest]:
+    """A placement for a grasp by friction.
 
     Raises:
         UnreachableError: there is none.
     """
     request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
     try:
-        return find_stance(hand, request, floor), request
+        return find_path_placement(hand, request, floor), request
     except UnreachableError as error:
         shallow = [tips for each in request.grasps if (tips := each.shallow()) is not None]
         if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
             raise
         request = request._replace(grasps=shallow)
         try:
-            return find_stance(hand, request, floor), request
+            return find_path_placement(hand, request, floor), request
         except UnreachableError:
             raise error from None
 
@@ -355,7 +357,7 @@ def _grasp_request(
     *,
     upright: bool | None,
     stays: bool,
-) -> StanceRequest:
+) -> PathPlacementRequest:
     body, pose = surroundings.body(id), surroundings.pose(id)
     found = list(grasps_of(body, surroundings.geometry(id), pose, hand.gripper, hand.shape))
     is_tall = (body.size or (0.0, 0.0, 0.0))[2] > 0.09
@@ -388,7 +390,7 @@ def _grasp_request(
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
     inside = surroundings.containers_of(id)
     container = surroundings.box(inside[0]) if inside else None
-    return StanceRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
+    return PathPlacementRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -413,7 +415,7 @@ def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
     return sorted(found[:_MAX_GRASPS], key=lambda each: order[id(each)])
 
 
-def _weld_stance(
+def _weld_placement(
     hand: Manipulator,
     surroundings: Surroundings,
     id: BodyId,
@@ -421,13 +423,13 @@ def _weld_stance(
     floor: FloorMap | None,
     *,
     stays: bool,
-) -> tuple[Stance, StanceRequest]:
-    """A stance from which the finger tips reach a side of a thing, which is then fixed to them."""
+) -> tuple[PathPlacement, PathPlacementRequest]:
+    """A placement from which the finger tips reach a side of a thing, which is then fixed to them."""
     pose = surroundings.pose(id)
     grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
-    request = StanceRequest(id, grasps, pose[None], _BACK_M, stays=stays)
+    request = PathPlacementRequest(id, grasps, pose[None], _BACK_M, stays=stays)
     try:
-        return find_stance(hand, request, floor), request
+        return find_path_placement(hand, request, floor), request
     except UnreachableError:
         raise error from None
 
@@ -575,9 +577,9 @@ def _check_reach(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Non
     hand = free_hand(task, f"to pick up {id}")
     floor = FloorMap(hand.robot) if hand.is_mobile else None
     try:
-        _friction_stance(hand, surroundings, id, floor, upright=None, stays=False)
+        _friction_placement(hand, surroundings, id, floor, upright=None, stays=False)
     except UnreachableError as error:
-        _weld_stance(hand, surroundings, id, error, floor, stays=False)
+        _weld_placement(hand, surroundings, id, error, floor, stays=False)
 
 
 def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool) -> tuple[BodyId, list[Opening]]:
@@ -602,12 +604,14 @@ def _placing(task: SkillTask, hand: Manipulator, id: BodyId, support: BodyId, *,
         reason = surroundings.why_no_place(id, support, inside=inside)
         raise NoFreePlacementError(id, f"{'into' if inside else 'on'} {support}", reason=reason)
     in_hand = pose_multiply(pose_inverse(surroundings.pose(id)), hand.grasp_pose)
-    stance = yield from _standing_for(hand, id, support, places, in_hand, surroundings.box(support) if inside else None)
-    at = stance.grasp.pose - np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
+    placement = yield from _standing_for(
+        hand, id, support, places, in_hand, surroundings.box(support) if inside else None
+    )
+    at = placement.grasp.pose - np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
     above = at + np.array([0.0, 0.0, _LIFT_M + _GAP_M, 0.0, 0.0, 0.0, 0.0])
     yield from hand.moving_straight(above, why=f"over {support}", speed=0.25)
     yield from hand.moving_straight(at, why=f"down on {support}", speed=0.15, may_touch=True)
-    yield from _letting_go(task, hand, back_m=stance.back_m)
+    yield from _letting_go(task, hand, back_m=placement.back_m)
     yield from hand.parking(touch=(id,))
     yield 0.3
     where = task.surroundings()
@@ -624,7 +628,7 @@ def _standing_for(
     places: Sequence[Pose],
     in_hand: Array,
     container: tuple[Array, Array] | None,
-) -> Generator[float, None, Stance]:
+) -> Generator[float, None, PathPlacement]:
     """Drives to where one of the places is in reach, and takes what is held in front of it."""
     lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
     raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
@@ -632,7 +636,7 @@ def _standing_for(
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
         options = _options(hand, pose + raised, in_hand, floor)
-        request = StanceRequest(
+        request = PathPlacementRequest(
             id,
             options,
             lifts,
@@ -643,13 +647,13 @@ def _standing_for(
             steps=_PLACE_STEPS,
         )
         try:
-            stance = find_stance(hand, request, floor)
-            yield from hand.driving_to(stance.base, why=f"to reach {support}")
-            yield from hand.moving_to(stance.start, why=f"in front of {support}")
+            placement = find_path_placement(hand, request, floor)
+            yield from hand.driving_to(placement.base, why=f"to reach {support}")
+            yield from hand.moving_to(placement.start, why=f"in front of {support}")
         except UnreachableError as found:
             error = found
             continue
-        return stance
+        return placement
     raise UnreachableError(
         hand.robot.name,
         target=f"a free place at {support} with {id}",
@@ -733,10 +737,10 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
             at = [*(((low + high) / 2)[:2] - lip[:2]), high[2] + _POUR_GAP_M - lowest]
             tilted.append(np.concatenate([at, quat_multiply(spin, now[3:])]))
         options.append(np.array(tilted))
-    stance, poses = _pour_stance(hand, id, options, in_hand)
+    placement, poses = _pour_placement(hand, id, options, in_hand)
     with task.step("pour", f"pour {id} into {target}"):
-        yield from hand.driving_to(stance.base, why=f"to reach {target}")
-        yield from hand.moving_to(stance.start, why=f"beside {target}")
+        yield from hand.driving_to(placement.base, why=f"to reach {target}")
+        yield from hand.moving_to(placement.start, why=f"beside {target}")
         yield from hand.moving_straight(pose_multiply(poses[0], in_hand), why=f"over {target}", speed=0.2)
         motion = hand.path(pose_multiply(poses, in_hand))
         if not motion.is_complete:
@@ -746,12 +750,14 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
         yield from hand.following(hand.path(pose_multiply(poses[::-1], in_hand)), speed=0.4)
 
 
-def _pour_stance(hand: Manipulator, id: BodyId, options: Sequence[Array], in_hand: Array) -> tuple[Stance, Array]:
+def _pour_placement(
+    hand: Manipulator, id: BodyId, options: Sequence[Array], in_hand: Array
+) -> tuple[PathPlacement, Array]:
     error: UnreachableError | None = None
     for poses in options:
         grasp = Grasp(in_hand, 0.0, is_by_friction=True, is_whole=True, is_central=True)
         try:
-            return find_stance(hand, StanceRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
+            return find_path_placement(hand, PathPlacementRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
         except UnreachableError as found:
             error = found
     assert error is not None

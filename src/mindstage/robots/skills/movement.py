@@ -7,10 +7,10 @@ from math import atan2, cos, pi, sin
 import numpy as np
 
 from mindstage.errors import UnreachableError
-from mindstage.robots.model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
+from mindstage.robots.robot_model import Head
 from mindstage.robots.skills.declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
-from mindstage.robots.skills.handling import stance_to_reach
+from mindstage.robots.skills.handling import placement_to_reach
 from mindstage.robots.skills.manipulator import BasePose, guarded, hands_of
 from mindstage.robots.skills.surroundings import Surroundings
 from mindstage.robots.skills.task import SkillTask
@@ -186,9 +186,9 @@ def reach(
         return
     surroundings = task.surroundings()
     id = surroundings.find(thing)
-    stance = stance_to_reach(hand, surroundings, id)
-    yield from hand.opening(stance.grasp.opening_m(hand.gripper.max_opening_m))
-    yield from hand.moving_to(stance.start, why=f"in front of {id}")
+    placement = placement_to_reach(hand, surroundings, id)
+    yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
+    yield from hand.moving_to(placement.start, why=f"in front of {id}")
 
 
 @skill(needs=(SkillNeed.ARM,))

@@ -47,7 +47,7 @@ class Thumbnails {
       if (!placeholder.isConnected) continue;
       this.#observer.unobserve(placeholder);
       const cls = placeholder.dataset.thumbnailOf;
-      const data = await channel.call("thumbnail", { class: cls }).catch(() => null); // the icon stays
+      const data = await channel.call("thumbnail", { cls }).catch(() => null); // the icon stays
       if (data === null) continue;
       if (this.#kept.size >= MAX_THUMBNAILS) this.#kept.delete(this.#kept.keys().next().value);
       this.#kept.set(cls, data ? `data:image/png;base64,${data}` : null);
@@ -126,9 +126,9 @@ class AddObjectPanel {
 
   #tile(each, index) {
     const extents = each.size ? each.size.map((extent) => formatNumber(extent, 2)).join(" × ") : "size unknown";
-    return el("li", { role: "option", tabindex: index === 0 ? "0" : "-1", "aria-selected": String(this.#class?.class === each.class), "data-class": each.name, title: `${each.name}, ${extents} m`,
+    return el("li", { role: "option", tabindex: index === 0 ? "0" : "-1", "aria-selected": String(this.#class?.cls === each.cls), "data-class": each.name, title: `${each.name}, ${extents} m`,
       onclick: (event) => this.#choose(each, event.currentTarget), ondblclick: () => this.#add(), onpointerdown: (event) => this.#press(event, each), oncontextmenu: (event) => this.#drag && event.preventDefault() },
-    this.#thumbnails.element(each.class), el("span", {}, each.title), (this.#search.value || each.used) && el("small", { class: "muted" }, [this.#search.value && each.category, each.used && "in use"].filter(Boolean).join(" · ")));
+    this.#thumbnails.element(each.cls), el("span", {}, each.title), (this.#search.value || each.used) && el("small", { class: "muted" }, [this.#search.value && each.category, each.used && "in use"].filter(Boolean).join(" · ")));
   }
 
   #choose(each, tile) {
@@ -167,7 +167,7 @@ class AddObjectPanel {
 
   async #add() {
     if (!this.#class) return;
-    const params = { class: this.#class.class, ...this.#chosenSize() };
+    const params = { cls: this.#class.cls, ...this.#chosenSize() };
     if (this.#placement.value !== "camera") params[this.#placement.value] = this.#target;
     this.#addButton.disabled = true;
     const id = await callOrToast("add", params);
@@ -190,8 +190,8 @@ class AddObjectPanel {
     const isFinger = event.pointerType === "touch";
     const begin = (atX, atY) => {
       this.#choose(each, tile);
-      this.#drag = { params: { class: each.class, ...this.#chosenSize() }, pointer: null, busy: false };
-      if (this.#thumbnails.get(each.class)) this.#image.src = this.#thumbnails.get(each.class);
+      this.#drag = { params: { cls: each.cls, ...this.#chosenSize() }, pointer: null, busy: false };
+      if (this.#thumbnails.get(each.cls)) this.#image.src = this.#thumbnails.get(each.cls);
       document.addEventListener("keydown", cancel, true);
       document.body.classList.add("dragging-object"); // on a phone the panel covers the view
       this.#dragTo(atX, atY);

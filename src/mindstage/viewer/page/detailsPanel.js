@@ -77,8 +77,8 @@ class DetailsPanel {
       this.#show(details);
     } catch (error) {
       if (selection.id !== id) return; // such as a copy that was undone at once
-      if (error.type === "BodyUnknown") selection.select(null);
-      else if (error.type !== "Disconnected") toast(error.message, "error");
+      if (error.code === "BodyNotFoundError") selection.select(null);
+      else if (error.code !== "Disconnected") toast(error.message, "error");
     }
   }
 

@@ -22,14 +22,14 @@ class AxisSlider {
   constructor(joint, axis) {
     this.#joint = joint;
     this.#axis = axis;
-    const range = axis.slides ? UNLIMITED_RANGE.prismatic : UNLIMITED_RANGE.revolute;
+    const range = axis.is_prismatic ? UNLIMITED_RANGE.prismatic : UNLIMITED_RANGE.revolute;
     this.#slider = el("input", {
-      type: "range", min: String(axis.low ?? -range), max: String(axis.high ?? range), step: "any", value: "0",
+      type: "range", min: String(axis.lower ?? -range), max: String(axis.upper ?? range), step: "any", value: "0",
       "aria-label": `${joint.id}: ${axis.name}`, "data-joint": joint.id, "data-axis": axis.name,
       oninput: () => this.#moveJoint(false), onchange: () => this.#moveJoint(true),
     });
-    this.element = el("div", { class: "axis" }, el("span", { class: "muted" }, axis.slides ? `translation ${axis.name}` : `rotation ${axis.name}`), this.#value, this.#slider,
-      el("div", { class: "limits muted" }, el("span", {}, axis.low === null ? "no limit" : this.#format(axis.low)), el("span", {}, axis.high === null ? "no limit" : this.#format(axis.high))), this.#blocked);
+    this.element = el("div", { class: "axis" }, el("span", { class: "muted" }, axis.is_prismatic ? `translation ${axis.name}` : `rotation ${axis.name}`), this.#value, this.#slider,
+      el("div", { class: "limits muted" }, el("span", {}, axis.lower === null ? "no limit" : this.#format(axis.lower)), el("span", {}, axis.upper === null ? "no limit" : this.#format(axis.upper))), this.#blocked);
   }
 
   // Shows the current joint position [m or rad].
@@ -40,7 +40,7 @@ class AxisSlider {
   }
 
   #format(value) {
-    return this.#axis.slides ? `${formatNumber(value, 3)} m` : `${formatNumber(value * DEGREES, 1)}°`;
+    return this.#axis.is_prismatic ? `${formatNumber(value, 3)} m` : `${formatNumber(value * DEGREES, 1)}°`;
   }
 
   async #moveJoint(done) {

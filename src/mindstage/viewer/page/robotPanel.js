@@ -28,8 +28,8 @@ class PositionSlider {
   #slider;
   #value = el("output", { "data-role": "joint-value" });
 
-  constructor({ name, lower, upper, slides }, attributes, send) {
-    this.#format = (value) => (slides ? `${formatNumber(value, 3)} m` : `${formatNumber(value * DEGREES, 1)}°`);
+  constructor({ name, lower, upper, is_prismatic: isPrismatic }, attributes, send) {
+    this.#format = (value) => (isPrismatic ? `${formatNumber(value, 3)} m` : `${formatNumber(value * DEGREES, 1)}°`);
     this.#send = send;
     this.#slider = el("input", { type: "range", min: String(lower ?? -UNLIMITED), max: String(upper ?? UNLIMITED), step: "any", value: "0",
       "aria-label": name, ...attributes, oninput: () => this.#move(false), onchange: () => this.#move(true) });

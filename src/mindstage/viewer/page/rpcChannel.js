@@ -15,11 +15,11 @@ const SLOW_MS = 4000;
 // Identifies this page to the server; the URL of its 3D view has the same key.
 export const clientKey = Array.from(crypto.getRandomValues(new Uint8Array(8)), (byte) => byte.toString(16).padStart(2, "0")).join("");
 
-// An error response: `type` is the name of the error's class on the server, or "Disconnected" or "Timeout".
+// An error response: `code` is the name of the error's class on the server, or "Disconnected" or "Timeout".
 class RpcError extends Error {
-  constructor({ type, message }) {
+  constructor({ code, message }) {
     super(message);
-    this.type = type;
+    this.code = code;
   }
 }
 
@@ -72,7 +72,7 @@ class RpcChannel {
       const index = this.#queue.indexOf(request);
       if (index < 0) return;
       this.#queue.splice(index, 1);
-      request.reject(new RpcError({ type: "Disconnected", message: `there is no connection to the server: ${request.method} was not sent` }));
+      request.reject(new RpcError({ code: "Disconnected", message: `there is no connection to the server: ${request.method} was not sent` }));
     }, QUEUE_MS);
   }
 
@@ -117,7 +117,7 @@ class RpcChannel {
     this.#socket = null;
     this.#emit("connection", false);
     this.#emit("stalled", false);
-    const error = { type: "Disconnected", message: "the connection was lost before the server responded" };
+    const error = { code: "Disconnected", message: "the connection was lost before the server responded" };
     for (const id of [...this.#pending.keys()]) this.#settle(id, { error });
     const delay = RECONNECT_DELAYS_MS[Math.min(this.#attempts++, RECONNECT_DELAYS_MS.length - 1)];
     setTimeout(() => this.#connect(), delay);

@@ -46,7 +46,7 @@ class Selection {
     try {
       await this.#send(focus);
     } catch (error) {
-      if (error.type !== "BodyUnknown") toast(error.message, "error");
+      if (error.code !== "BodyNotFoundError") toast(error.message, "error");
       else if (this.id === (ids.at(-1) ?? null)) this.#set([]); // deleted meanwhile, such as a copy that was undone at once
     }
   }

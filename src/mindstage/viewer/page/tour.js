@@ -53,7 +53,7 @@ const STEPS = [
       panels.show("add");
       return fill("[data-role=find-class]", "mug");
     },
-    asked: (method, params, result) => ["add", "drop"].includes(method) && Boolean(result) && VESSEL.test(String(params.class)),
+    asked: (method, params, result) => ["add", "drop"].includes(method) && Boolean(result) && VESSEL.test(String(params.cls)),
   },
   {
     title: "Save the map",

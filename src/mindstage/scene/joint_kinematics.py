@@ -11,7 +11,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from mindstage.scene.display import short_name
-from mindstage.scene.model import (
+from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
+from mindstage.scene.world_model import (
     AxisMotion,
     Body,
     BodyId,
@@ -21,7 +22,6 @@ from mindstage.scene.model import (
     Vector,
     World,
 )
-from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 
 __all__ = [
     "FrontSide",

@@ -24,7 +24,7 @@ __all__ = [
     "MAX_FALL_M",
     "MOVED_DISTANCE_M",
     "REST_CHECK_S",
-    "PlaceBounds",
+    "EnvironmentBounds",
     "belongs_to_place",
     "find_bodies_that_move",
     "find_ground_height",
@@ -54,7 +54,7 @@ _MIN_OUTLIER_GAP_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class PlaceBounds:
+class EnvironmentBounds:
     """The axis-aligned bounds of a place."""
 
     low: Array
@@ -63,7 +63,7 @@ class PlaceBounds:
     """Upper corner [m]."""
 
     @classmethod
-    def from_boxes(cls, boxes: OrientedBoxes) -> PlaceBounds | None:
+    def from_boxes(cls, boxes: OrientedBoxes) -> EnvironmentBounds | None:
         """The bounds of all bodies that belong to the place; None without bodies."""
         if not len(boxes.center):
             return None
@@ -77,9 +77,9 @@ class PlaceBounds:
         distance = np.abs(boxes.center - (self.low + self.high) / 2).max(axis=1, initial=0.0)
         return np.asarray(~is_scenery & (distance <= _MAX_PLACE_RADIUS_M))
 
-    def extended(self, low: Array, high: Array) -> PlaceBounds:
+    def extended(self, low: Array, high: Array) -> EnvironmentBounds:
         """The bounds that contain more bodies as well; their lower and upper corners are n x 3 [m]."""
-        return PlaceBounds(
+        return EnvironmentBounds(
             np.minimum(self.low, low.min(axis=0, initial=np.inf)),
             np.maximum(self.high, high.max(axis=0, initial=-np.inf)),
         )
@@ -158,7 +158,7 @@ def find_ground_height(bottoms: Array) -> float:
 
 
 def find_moved_bodies(
-    ids: Sequence[BodyId], before: Array, after: Array, bounds: PlaceBounds | None
+    ids: Sequence[BodyId], before: Array, after: Array, bounds: EnvironmentBounds | None
 ) -> tuple[MovedBody, ...]:
     """The bodies that did not stay, farthest first.
 
@@ -196,4 +196,6 @@ def find_bodies_that_move(engine: Engine, worlds: Iterable[World]) -> tuple[Move
         later_poses = later_poses[[rows[id] for id in ids]]
     sizes = {body.id: body.size for world in worlds for body in world.bodies}
     extents = np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids], dtype=float).reshape(-1, 3)
-    return find_moved_bodies(ids, poses, later_poses, PlaceBounds.from_boxes(OrientedBoxes.from_poses(poses, extents)))
+    return find_moved_bodies(
+        ids, poses, later_poses, EnvironmentBounds.from_boxes(OrientedBoxes.from_poses(poses, extents))
+    )

@@ -29,7 +29,7 @@ from mindstage.scene import (
     World,
 )
 from mindstage.scene.edits import BodyEdit, SetPhysics
-from mindstage.scene.kinematics import moving_body, without_lost_masters
+from mindstage.scene.joint_kinematics import moving_body, without_lost_masters
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, pose_multiply, quat_angle
 
 __all__ = ["MAX_COORDINATE_M", "MAX_SIZE_M", "AddResult", "EntityRegistry", "pose_error"]

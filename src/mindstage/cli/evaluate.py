@@ -1,4 +1,4 @@
-"""The verb `imagine`: tries a plan many times in copies of a world."""
+"""The verb `evaluate`: tries a plan many times in copies of a world."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from mindstage.imagination import Check, Progress, Uncertainty, Verdict
     from mindstage.simulation import Simulation
 
-__all__ = ["DEFAULT_TRIAL", "PlanTrial", "imagine", "interruptible"]
+__all__ = ["DEFAULT_TRIAL", "PlanTrial", "evaluate", "interruptible"]
 
 PlanArgument = Annotated[
     str, typer.Argument(metavar="PLAN", help="The plan: a JSON or YAML file, or text in braces.", show_default=False)
@@ -112,7 +112,7 @@ class PlanTrial(OptionGroup):
     uncertainty: Uncertainties = None
 
     def arguments(self) -> dict[str, Any]:
-        """The arguments of `mindstage.imagination.imagine`.
+        """The arguments of `mindstage.imagination.evaluate_plan`.
 
         Raises:
             InvalidArgumentError: an uncertainty is not valid.
@@ -141,7 +141,7 @@ Picture = Annotated[
 ]
 
 
-def imagine(
+def evaluate(
     plan: PlanArgument,
     maps: MapArguments,
     *,
@@ -158,8 +158,7 @@ def imagine(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 2 if that is unknown."""
-    from mindstage.imagination import imagine as try_plan
-    from mindstage.imagination import load_plan
+    from mindstage.imagination import evaluate_plan, load_plan
     from mindstage.pictures import picture_format
 
     file = load_plan(plan)
@@ -181,7 +180,7 @@ def imagine(
             print_failures(report)
         tried |= {"check": asked, "threshold": threshold, "width": width or None}
         with interruptible() as interrupted, _progress_bar(trial.samples) as progress:
-            verdict = try_plan(simulation, file, **tried, progress=progress, cancel=interrupted.is_set)
+            verdict = evaluate_plan(simulation, file, **tried, progress=progress, cancel=interrupted.is_set)
         if as_json:
             drawn = {} if picture is None else {"picture": str(picture)}
             print_json({"map": world.iri, "engine": simulation.engine_name, **verdict.to_dict(), **drawn})

@@ -47,7 +47,7 @@ from mindstage.ranges import Fraction, Seed
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import CHILD, THING
 from mindstage.scene import Body, BodyId, Iri, Joint, Vector
-from mindstage.scene.kinematics import is_robot_part
+from mindstage.scene.joint_kinematics import is_robot_part
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import Depressions, ShapeScene, find_depressions
 from mindstage.scene.transforms import (
@@ -380,7 +380,7 @@ def _judge_pull(
     moved = scene.moving_body(joint)
 
     def share_with(force_n: float) -> tuple[float, tuple[BodyId | None, ...]]:
-        with copy.imagine(threaded=False) as pulled:
+        with copy.fork(threaded=False) as pulled:
             return _pull_constantly(pulled, joint, handle, force_n)
 
     share, obstacles = share_with(limit_n)

@@ -13,9 +13,9 @@ import numpy as np
 
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import Collision, CollisionChecker, links_behind
-from mindstage.robots.kinematics import BASE_JOINTS
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
+from mindstage.robots.robot_kinematics import BASE_JOINTS
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
@@ -23,7 +23,7 @@ from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
-__all__ = ["Stance", "StanceRequest", "find_stance"]
+__all__ = ["PathPlacement", "PathPlacementRequest", "find_path_placement"]
 
 _DISTANCES_M = (0.55, 0.7, 0.85, 0.45, 1.0, 1.15)
 """Distances of the base from what is grasped, the preferred first."""
@@ -49,13 +49,13 @@ _SHUT_IN = 0.3
 _EXITS = 8
 """Number of places on a path from which the way back is looked for."""
 _GOOD_ENOUGH = 0.98
-"""Part of the path beyond which no better stance is looked for."""
+"""Part of the path beyond which no better placement is looked for."""
 _IK_ATTEMPTS, _ADJUSTED_IK_ATTEMPTS = 5, 3
 """Attempts of the inverse kinematics, without and with the pose of the base among its unknowns."""
 _LONG_PATH = 10
 """Number of poses from which on a path is long."""
 _RANDOM_SEEDS = 2
-"""Number of random positions of an arm from which the inverse kinematics starts if nothing else led to a stance."""
+"""Number of random positions of an arm from which the inverse kinematics starts if nothing else led to a placement."""
 _MISSES = 4
 """Number of places from which the inverse kinematics fails before a grasp is given up."""
 _OUTSIDE_M = 0.1
@@ -72,7 +72,7 @@ _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
 
-class Stance(NamedTuple):
+class PathPlacement(NamedTuple):
     """A place of the base, and motions of the arm from there."""
 
     base: BasePose
@@ -95,7 +95,7 @@ class Stance(NamedTuple):
     """Number of poses of the path after which the motion is to end: the robot still has a way back there."""
 
 
-class StanceRequest(NamedTuple):
+class PathPlacementRequest(NamedTuple):
     """What is to be done from one place."""
 
     target: BodyId
@@ -136,7 +136,9 @@ class StanceRequest(NamedTuple):
     """Places from which it was tried without success: others are tried."""
 
 
-def find_stance(hand: Manipulator, request: StanceRequest, floor: FloorMap | None = None) -> Stance:
+def find_path_placement(
+    hand: Manipulator, request: PathPlacementRequest, floor: FloorMap | None = None
+) -> PathPlacement:
     """The best of the places tried: the first from which the whole path can be followed.
 
     Args:
@@ -159,7 +161,7 @@ class _Start(NamedTuple):
 
 
 class _Search:
-    def __init__(self, hand: Manipulator, request: StanceRequest, floor: FloorMap | None) -> None:
+    def __init__(self, hand: Manipulator, request: PathPlacementRequest, floor: FloorMap | None) -> None:
         self.hand, self.request, self.floor = hand, request, floor
         robot = hand.robot
         self.later: dict[int, FloorMap] = {}
@@ -197,7 +199,7 @@ class _Search:
         hand_links = links_behind(robot.model, hand.gripper.link)
         self.hand_bodies = {links[link] for link in hand_links if link in links}
         self.own_bodies = set(links.values())
-        self.unproven: Stance | None = None
+        self.unproven: PathPlacement | None = None
         """The first one to which the short search found no way of the arm; a longer one may."""
         self.hopeless: set[tuple[int, float]] = set()
         """Numbers and rooms of the grasps that fail wherever the base stands."""
@@ -209,9 +211,9 @@ class _Search:
         """The iterations and tests that the limit has counted, or that were before the search."""
         self.limit = SearchLimit(request.steps, part_of=hand.task.limit)
 
-    def find(self) -> Stance:
-        """See `find_stance`."""
-        best: Stance | None = None
+    def find(self) -> PathPlacement:
+        """See `find_path_placement`."""
+        best: PathPlacement | None = None
         for seed, pivot in self._begins():
             self.pivot = pivot
             best = self._find_from(seed, best)
@@ -221,7 +223,7 @@ class _Search:
         if best is None:
             raise self._failure()
         if self.limit.ended_by_time:
-            self.hand.task.assume(f"no better stance to reach {self.request.target} was found {self.limit}")
+            self.hand.task.assume(f"no better placement to reach {self.request.target} was found {self.limit}")
         return best
 
     def _begins(self) -> Iterator[tuple[dict[str, float], int]]:
@@ -260,22 +262,22 @@ class _Search:
         for _ in range(_RANDOM_SEEDS):
             yield {**self.positions, **dict(zip(arm, chance.uniform(low, high).tolist(), strict=True))}
 
-    def _find_from(self, seed: Mapping[str, float], best: Stance | None) -> Stance | None:
-        """The best stance, or the best of those before, with arms near to some positions."""
+    def _find_from(self, seed: Mapping[str, float], best: PathPlacement | None) -> PathPlacement | None:
+        """The best placement, or the best of those before, with arms near to some positions."""
         stays = self.adjusts and seed is self.positions  # they belong to the place where the base is
         for base in (self.here,) if stays else self._bases():
             if self._is_avoided(base):
                 continue
             for number, grasp in self._possible_grasps():
-                stance = self._try(base, grasp, number, seed)
-                if stance is None or (best is not None and stance.reach <= best.reach + 0.02):
+                placement = self._try(base, grasp, number, seed)
+                if placement is None or (best is not None and placement.reach <= best.reach + 0.02):
                     continue
-                if not self._can_drive_to(stance.base):
+                if not self._can_drive_to(placement.base):
                     break
-                if self.adjusts and self.request.joint is not None and not self._finds_arm_way(stance):
-                    self.unproven = self.unproven or stance
+                if self.adjusts and self.request.joint is not None and not self._finds_arm_way(placement):
+                    self.unproven = self.unproven or placement
                     continue
-                best = stance
+                best = placement
                 if best.reach >= _GOOD_ENOUGH:
                     return best
             if self._is_over():
@@ -331,14 +333,14 @@ class _Search:
         return UnreachableError(
             robot,
             target=target,
-            reason=self._ended("; ".join(reasons) or f"no stance was found {self.limit}"),
+            reason=self._ended("; ".join(reasons) or f"no placement was found {self.limit}"),
             obstacle=next(iter(names), None),
             shortfall_m=shortfall_m,
         )
 
     def _ended(self, reason: str) -> str:
         """A reason, with what has ended the search if another machine may find more."""
-        return f"{reason}; no other stance was found {self.limit}" if self.limit.ended_by_time else reason
+        return f"{reason}; no other placement was found {self.limit}" if self.limit.ended_by_time else reason
 
     def _can_drive_to(self, base: BasePose) -> bool:
         if not self.moves_base or is_near(base, self.here):
@@ -357,18 +359,18 @@ class _Search:
             return False
         return True
 
-    def _finds_arm_way(self, stance: Stance) -> bool:
-        """Whether the arm, as it is now, finds its way to the begin of a stance's path from where the base will be."""
+    def _finds_arm_way(self, placement: PathPlacement) -> bool:
+        """Whether the arm, as it is now, finds its way to the begin of the path from where the base will be."""
         hand = self.hand
         try:
             plan_arm(
                 hand.robot,
                 hand.arm,
-                stance.start,
-                start=self._fingers(stance.grasp),
+                placement.start,
+                start=self._fingers(placement.grasp),
                 max_tests=_ARM_TESTS,
                 part_of=self.hand.task.limit,
-                base=stance.base if self.moves_base else None,
+                base=placement.base if self.moves_base else None,
                 joints=self._joint_at(0),
                 seed=hand.task.seed + 1,
             )
@@ -425,7 +427,7 @@ class _Search:
             for heading in _OTHER_HEADINGS_RAD:
                 yield (float(x), float(y), facing + heading)
 
-    def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> Stance | None:
+    def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> PathPlacement | None:
         hand, request = self.hand, self.request
         self.fingers, self.last_hit = self._fingers(grasp), None
         poses = request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose)
@@ -472,45 +474,45 @@ class _Search:
                 self._count(path.reason, path.shortfall_m)
             return None
         count = len(request.poses)
-        stance = Stance(
+        placement = PathPlacement(
             start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path, reach, count
         )
-        return self._with_exit(stance, poses) if request.joint is not None else stance
+        return self._with_exit(placement, poses) if request.joint is not None else placement
 
-    def _with_exit(self, stance: Stance, poses: Array) -> Stance:
-        """A stance whose path ends where the robot can still get away from what it has moved, if there is such a place.
+    def _with_exit(self, placement: PathPlacement, poses: Array) -> PathPlacement:
+        """A placement whose path ends where the robot can still get away from what it has moved, if there is one.
 
         Args:
             poses: n x 7: poses of the grasp frame along the path.
         """
         count = len(poses)
-        last = round(stance.reach * (count - 1))
+        last = round(placement.reach * (count - 1))
         rows = range(last, -1, -max(last // _EXITS, 1))
         # The motion may end a little earlier, so that there has to be a way back from there, too.
-        has_exit = cache(lambda row: self._has_exit(stance, poses[row], row))
+        has_exit = cache(lambda row: self._has_exit(placement, poses[row], row))
         row = next((row for row in rows if has_exit(row) and has_exit(max(row - 1, 0))), 0)
         cut = row / max(count - 1, 1)
         if row == last:
-            return stance
-        if stance.reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * stance.reach, self.request.least):
-            return stance._replace(reach=_SHUT_IN * stance.reach)
+            return placement
+        if placement.reach >= _GOOD_ENOUGH or cut < max(_SHUT_IN * placement.reach, self.request.least):
+            return placement._replace(reach=_SHUT_IN * placement.reach)
         why = "the robot would be shut in farther on, or its hand would not come off"
-        return stance._replace(reach=cut, part=cut, why=why, stop=row + 1)
+        return placement._replace(reach=cut, part=cut, why=why, stop=row + 1)
 
-    def _has_exit(self, stance: Stance, at: Array, row: int) -> bool:
+    def _has_exit(self, placement: PathPlacement, at: Array, row: int) -> bool:
         """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
 
         Args:
             at: that pose of the grasp frame.
             row: its number.
         """
-        hand, root = self.hand, stance.path.roots[row]
+        hand, root = self.hand, placement.path.roots[row]
         if self.adjusts:  # other arms take their hands back nearly everywhere
             self._move_joint(row)
             back = interpolated_poses(at, pose_multiply(at, np.array([-self.request.back_m, 0, 0, 1.0, 0, 0, 0])))
-            seed = {**self.positions, **stance.path.at(row)}
+            seed = {**self.positions, **placement.path.at(row)}
             ways = (self._follow(back, root, seed, free=free) for free in hand.withdrawing_free)
-            way = next((each for each in ways if self._comes_off(each, self._fingers(stance.grasp))), None)
+            way = next((each for each in ways if self._comes_off(each, self._fingers(placement.grasp))), None)
             if way is None:
                 return False
             root = way.roots[-1]

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.imagination.front_questions import (
+from mindstage.imagination.articulation_questions import (
     FrontRow,
     PullRow,
     SpillRow,
@@ -544,7 +544,7 @@ def what_if(
 ) -> Iterator[WhatIfRow]:
     """The answers to any question in the world after an edit and some seconds of physics (2 if left out).
 
-    `edit` is a plan, one step, or a list of steps as JSON or YAML, as `mindstage imagine` takes them, or words: "open
+    `edit` is a plan, one step, or a list of steps as JSON or YAML, as `mindstage evaluate` takes them, or words: "open
     the fridge", "put milk_carton_1 on table", several of them separated by "then". `question` is a plain sentence, or
     the name of a question with its arguments as for `mindstage ask`. If the plan has uncertainty, each answer has the
     share of the samples in which it is given.

@@ -17,7 +17,7 @@ from mindstage.ros import RosInterface, plan_actions
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
 
-ACTION, TYPE = "/unreal/mindstage/try_plan", "mindstage_msgs/TryPlan"
+ACTION, TYPE = "/unreal/mindstage/evaluate_plan", "mindstage_msgs/EvaluatePlan"
 UNCERTAIN = {"thing": "Mug", "position_m": 0.02}
 EDGE = json.dumps(
     {"steps": [{"do": "move", "thing": "Mug", "to": {"position": [1.74, 0.2, 0.85], "quaternion": [1, 0, 0, 0]}},
@@ -130,12 +130,12 @@ def test_a_goal_ends_at_its_deadline_even_if_a_sample_does_not(send: Any, monkey
 def _never_ending_trial(monkeypatch: pytest.MonkeyPatch) -> tuple[threading.Event, threading.Event]:
     released, begun = threading.Event(), threading.Event()
 
-    def imagine(*_: Any, **__: Any) -> Any:
+    def evaluate_plan(*_: Any, **__: Any) -> Any:
         begun.set()
         released.wait(TIMEOUT_S)
         raise ImaginationError("it was released")
 
-    monkeypatch.setattr(plan_actions, "imagine", imagine)
+    monkeypatch.setattr(plan_actions, "evaluate_plan", evaluate_plan)
     return released, begun
 
 
@@ -155,7 +155,7 @@ def _never_ending_trial(monkeypatch: pytest.MonkeyPatch) -> tuple[threading.Even
 def test_a_bad_goal_is_refused_with_the_place_before_anything_runs(
     send: Any, monkeypatch: pytest.MonkeyPatch, goal: dict[str, Any], place: str, cause: str
 ) -> None:
-    monkeypatch.setattr(plan_actions, "imagine", lambda *_, **__: pytest.fail("it was tried"))
+    monkeypatch.setattr(plan_actions, "evaluate_plan", lambda *_, **__: pytest.fail("it was tried"))
     outcome = send(**goal).wait(TIMEOUT_S)
     assert outcome.status is GoalStatus.ABORTED
     assert (outcome.values["success"], outcome.values["outcome"]) == (False, "unknown")

@@ -17,9 +17,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.mujoco.kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
+from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
-from mindstage.robots.model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.robot_model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.scene import PoseLike
 from mindstage.scene.transforms import (
     Array,

@@ -232,7 +232,7 @@ def holds(
         span = _span(present, history)
         if span is None:
             continue
-        held, last = kb.derived(
+        held, last = kb.cached(
             ("held", history, history.end_s, relation, a, b), partial(_held, kb, history, relation, a, b)
         )
         rows = [(each, fact) for fact, intervals in held.items() for each in intervals]

@@ -227,7 +227,7 @@ class Tag(FrozenStruct, frozen=True, kw_only=True):
     value: str
 
 
-class Material(FrozenStruct, frozen=True, kw_only=True, rename={"color": "colour"}):
+class Material(FrozenStruct, frozen=True, kw_only=True):
     """A named material: the path of an engine asset, and the color that is used without that asset."""
 
     name: str
@@ -244,7 +244,7 @@ class PrimitiveType(StrEnum):
     """Its axis is z."""
 
 
-class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True, rename={"type": "kind"}):
+class PrimitiveShape(FrozenStruct, frozen=True, kw_only=True):
     """The primitive shape that fills the size of a body; a mesh, where one is found, replaces it."""
 
     type: PrimitiveType = PrimitiveType.BOX
@@ -299,7 +299,7 @@ class SoftLimit(FrozenStruct, frozen=True, kw_only=True):
     """[Ns/m] or [Nms/rad]."""
 
 
-class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit": "soft"}):
+class LinearLimits(FrozenStruct, frozen=True, kw_only=True):
     """The translational limits of a joint along the axes of its frame, relative to the middle of the range.
 
     The middle is the spawn position, unless the range is asymmetric: a drawer that is closed when spawned and opens by
@@ -318,9 +318,7 @@ class LinearLimits(FrozenStruct, frozen=True, kw_only=True, rename={"soft_limit"
     soft_limit: SoftLimit = SoftLimit()
 
 
-class AngularLimits(
-    FrozenStruct, frozen=True, kw_only=True, rename={"swing_soft_limit": "swing_soft", "twist_soft_limit": "twist_soft"}
-):
+class AngularLimits(FrozenStruct, frozen=True, kw_only=True):
     """The rotational limits of a joint about the axes of its frame, relative to the middle of the range."""
 
     swing1: AxisMotion = AxisMotion.LOCKED
@@ -365,7 +363,7 @@ class Joint(PosedStruct, frozen=True, kw_only=True):
     iri: Iri
     parent: BodyId
     child: BodyId
-    """Parent and child are as in the map; the child may be the heavier body (see `kinematics.moving_body`)."""
+    """Parent and child are as in the map; the child may be the heavier body (see `joint_kinematics.moving_body`)."""
     pose: Pose
     """The joint frame when spawned, in the world frame."""
     linear: LinearLimits = LinearLimits()
@@ -397,7 +395,7 @@ class LightType(StrEnum):
     DIRECTIONAL = "directional"
 
 
-class Light(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind", "color": "colour"}):
+class Light(PosedStruct, frozen=True, kw_only=True):
     """A light source."""
 
     id: BodyId
@@ -411,7 +409,7 @@ class Light(PosedStruct, frozen=True, kw_only=True, rename={"type": "kind", "col
     facts: tuple[PropertyAssertion, ...] = ()
 
 
-class World(FrozenStruct, frozen=True, kw_only=True, rename={"joints": "constraints"}):
+class World(FrozenStruct, frozen=True, kw_only=True):
     """A complete scene. The order of its parts has no meaning; ids are unique across bodies, joints and lights."""
 
     iri: Iri

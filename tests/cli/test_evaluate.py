@@ -1,4 +1,4 @@
-"""`mindstage imagine`: verdicts as text, JSON and exit codes."""
+"""`mindstage evaluate`: verdicts as text, JSON and exit codes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def plan(tmp_path: Path) -> Path:
 def test_a_plan_that_succeeds_exits_with_0(run: Run, plan: Path) -> None:
     plan.write_text("steps:\n" + ON_TABLE)
     expected = ["--expect", "relation=on", "--expect", "other=table"]
-    result = run("imagine", plan, KITCHEN, "--check", "where_is thing=CoffeeMug_1", *expected)
+    result = run("evaluate", plan, KITCHEN, "--check", "where_is thing=CoffeeMug_1", *expected)
     assert result.exit_code == 0, result.stderr
     assert result.stdout.startswith("succeeded: 1 of 1 samples succeeded")
     assert "no uncertainty is stated" in result.stderr
@@ -37,7 +37,7 @@ def test_a_plan_that_succeeds_exits_with_0(run: Run, plan: Path) -> None:
 def test_a_plan_that_fails_exits_with_1_and_names_the_cause(run: Run, plan: Path) -> None:
     plan.write_text("steps:\n" + DROP)
     result = run(
-        "imagine", plan, KITCHEN, "--samples", 10, "--uncertainty", "milk_carton_1 mass=0.1", "--seed", 3, "--json"
+        "evaluate", plan, KITCHEN, "--samples", 10, "--uncertainty", "milk_carton_1 mass=0.1", "--seed", 3, "--json"
     )
     assert result.exit_code == 1, result.stdout
     content = json_output(result)
@@ -45,14 +45,14 @@ def test_a_plan_that_fails_exits_with_1_and_names_the_cause(run: Run, plan: Path
     assert content["first_failure"]["cause"]["thing"] == "milk_carton_1"
     assert content["plan"]["uncertainty"][0]["mass"] == 0.1
     again = run(
-        "imagine", plan, KITCHEN, "--samples", 10, "--uncertainty", "milk_carton_1 mass=0.1", "--seed", 3, "--json"
+        "evaluate", plan, KITCHEN, "--samples", 10, "--uncertainty", "milk_carton_1 mass=0.1", "--seed", 3, "--json"
     )
     assert again.stdout == result.stdout
 
 
 def test_a_plan_that_does_not_end_in_its_budget_exits_with_2(run: Run, plan: Path) -> None:
     plan.write_text("steps:\n- {do: wait, duration_s: 3600, deadline_s: 3600}\ndeadline_s: 3600\n")
-    result = run("imagine", plan, KITCHEN, "--budget", 1)
+    result = run("evaluate", plan, KITCHEN, "--budget", 1)
     assert result.exit_code == 2
     assert "the budget of 1 s was used up" in result.stdout
 
@@ -75,14 +75,14 @@ def test_a_plan_that_does_not_end_in_its_budget_exits_with_2(run: Run, plan: Pat
 )
 def test_bad_input_exits_with_2_and_is_named(run: Run, plan: Path, text: str, options: list[str], message: str) -> None:
     plan.write_text(text)
-    result = run("imagine", plan, KITCHEN, *options)
+    result = run("evaluate", plan, KITCHEN, *options)
     assert result.exit_code == 2
     assert message in result.stderr.replace("\n", " ")
 
 
 def test_ctrl_c_ends_with_what_is_known(plan: Path) -> None:
     plan.write_text("steps:\n- {do: wait, duration_s: 3600, deadline_s: 3600}\ndeadline_s: 3600\n")
-    command = [sys.executable, "-m", "mindstage", "imagine", str(plan), KITCHEN, "--budget", "100", "--json"]
+    command = [sys.executable, "-m", "mindstage", "evaluate", str(plan), KITCHEN, "--budget", "100", "--json"]
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -111,7 +111,7 @@ def test_a_picture_shows_where_things_end(run: Run, write_map: WriteMap, tmp_pat
     plan = "{steps: [{do: move, thing: X, by: [0, 0, 0.6]}], uncertainty: [{thing: X, position_m: 0.1}]}"
     options = ["--samples", 4, "--check", "individual_of_class cls=Mug", "--expect", "none"]
     options += ["--picture", picture]
-    result = run("imagine", plan, maps, *options, "--json")
+    result = run("evaluate", plan, maps, *options, "--json")
     assert result.exit_code == 1, result.output
     content = json_output(result)
     assert (content["outcome"], content["picture"]) == ("failed", str(picture))
@@ -123,7 +123,7 @@ def test_an_unknown_format_of_the_picture_is_an_error_before_the_map_is_read(
     run: Run, plan: Path, tmp_path: Path
 ) -> None:
     plan.write_text("steps:\n" + ON_TABLE)
-    result = run("imagine", plan, tmp_path / "none.owl", "--picture", tmp_path / "x.gif")
+    result = run("evaluate", plan, tmp_path / "none.owl", "--picture", tmp_path / "x.gif")
     assert result.exit_code == 2
     assert ".gif is no format of pictures" in " ".join(result.stderr.split())
     assert not result.stdout

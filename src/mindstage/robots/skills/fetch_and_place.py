@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mindstage.errors import KnowledgeError, NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.rdf.graphs import local_name
-from mindstage.robots.skills.declaration import KindName, SkillMotion, SkillNeed, ThingName, skill
+from mindstage.robots.skills.declaration import ClassName, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.handling import pick_up, put_down
 from mindstage.robots.skills.manipulator import hand_with
@@ -72,7 +72,7 @@ def _closing_again(task: SkillTask, fronts: list[BodyId]) -> SkillMotion:
 
 
 @skill(needs=_NEEDS)
-def fetch(task: SkillTask, kind: KindName) -> SkillMotion:
+def fetch(task: SkillTask, kind: ClassName) -> SkillMotion:
     """Finds a thing of a kind, picks it up and brings it to where the robot started.
 
     Args:
