@@ -20,7 +20,7 @@ MUG, DRAWER, FRIDGE = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge")
 
 
 def made() -> Simulation:
-    sim = Simulation(KnowledgeBase(), MujocoEngine(), shapes=False, timeout_s=60.0)
+    sim = Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=60.0)
     sim.spawn(kitchenette())
     return sim
 
@@ -52,7 +52,7 @@ def test_a_recording_can_be_executed_again_with_a_robot(tmp_path: Path) -> None:
 
 def test_a_robot_of_a_copy_is_committed_as_a_robot() -> None:
     with made() as sim:
-        with sim.imagine() as copy:
+        with sim.fork() as copy:
             robot = add_robot(copy, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
             pairs = copy.run_on_engine(lambda engine: set(engine._cache.builder.apart))  # type: ignore[attr-defined]
             copy.commit()
