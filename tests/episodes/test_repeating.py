@@ -54,12 +54,12 @@ def test_a_robot_of_a_copy_is_committed_as_a_robot() -> None:
     with made() as sim:
         with sim.fork() as copy:
             robot = add_robot(copy, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
-            pairs = copy.run_on_engine(lambda engine: set(engine._cache.builder.apart))  # type: ignore[attr-defined]
+            pairs = copy.run_on_engine(lambda engine: set(engine._cache.builder.given_excluded_pairs))  # type: ignore[attr-defined]
             copy.commit()
         committed = find_robot(sim)
         assert committed.body_ids == robot.body_ids
         assert pairs
-        assert sim.run_on_engine(lambda engine: set(engine._cache.builder.apart)) == pairs  # type: ignore[attr-defined]
+        assert sim.run_on_engine(lambda engine: set(engine._cache.builder.given_excluded_pairs)) == pairs  # type: ignore[attr-defined]
         height = committed.link_pose("head_pan_link")[2]
         sim.step(0.5)
         assert committed.link_pose("head_pan_link")[2] == pytest.approx(height, abs=0.01), "its drives hold it"

@@ -48,7 +48,7 @@ __all__ = [
 _NAMES_BY_MODULE = {
     "base_placement": ("BasePlacement", "find_base_placements"),
     "edits": ("AddRobot", "RemoveRobot", "add_robot"),
-    "kinematics": ("IkResult", "RobotKinematics"),
+    "robot_kinematics": ("IkResult", "RobotKinematics"),
     "model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
