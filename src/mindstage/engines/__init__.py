@@ -78,9 +78,9 @@ def make_engine(name: str, *, godot: str | os.PathLike[str] | None = None, timeo
         factory = None if chosen is None else chosen.load(EngineFactory)
     except ExtensionError as error:
         raise EngineUnavailableError(name, cause=str(error), remedy="install what it needs, or use null") from error
-    if factory is None or not any(_is_named(name, form) for form in factory.forms):
-        forms = catalog(Group.ENGINES, EngineFactory, attrgetter("geometries"), tuple[str, ...]).values()
-        remedy = f"choose {', '.join(form for each in forms for form in each)}"
+    if factory is None or not any(_is_named(name, form) for form in factory.names):
+        names = catalog(Group.ENGINES, EngineFactory, attrgetter("names"), tuple[str, ...]).values()
+        remedy = f"choose {', '.join(form for each in names for form in each)}"
         raise EngineUnavailableError(name, cause="there is no engine of that name", remedy=remedy)
     return factory.make(name, EngineSettings(None if godot is None else os.fspath(godot), timeout_s))
 

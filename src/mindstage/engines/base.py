@@ -454,7 +454,7 @@ class EngineSettings(NamedTuple):
 class EngineFactory(NamedTuple):
     """Makes engines; the entry points `mindstage.engines` name these, by what precedes the first colon of a name."""
 
-    forms: tuple[str, ...]
+    names: tuple[str, ...]
     """The names, such as "godot" and "godot:window"; one with "://" stands for all addresses of its scheme."""
     make: Callable[[str, EngineSettings], Engine]
     """Returns a new engine for a name.
