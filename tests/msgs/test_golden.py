@@ -71,7 +71,7 @@ def test_every_request_and_response_has_a_golden_message() -> None:
         "mindstage_msgs",
     )
     services = [name for name in service_types() if name.startswith(packages)]
-    assert len(services) == 17 + 3 + 1 + 22 + 31
+    assert len(services) == 17 + 3 + 1 + 22 + 32
     missing = {(name, part) for name in services for part in ("request", "response")} - shown
     assert not missing
     assert {(name, part) for name in action_types() for part in ("goal", "result", "feedback")} <= shown

@@ -298,6 +298,8 @@ class ApplyEdit(base.Service):
         refusal: Refusal = Refusal()
         inverse: base.String = ""
         """JSON of an `Edit`, without geometry."""
+        expected_rebuild_s: base.Float64 = 0.0
+        """How long the model is expected to be rebuilt before time goes on [s]; 0 if it is not."""
 
 
 class Ask(base.Service):
