@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from mindstage.robots.skills.declaration import Skill
 
 from mindstage import errors
 from mindstage.knowledge.questions import Question
 from mindstage.registry import Group, extensions
+from mindstage.robots.skill_declaration import Skill
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "src" / "mindstage"
