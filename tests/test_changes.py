@@ -20,6 +20,14 @@ def test_the_changes_since_the_last_version_are_valid() -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_changes_since_the_last_version_are_not_in_the_changelog() -> None:
+    text = (SCRIPT.parent.parent / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased = text.partition("(not released yet)")[2].partition("\n## ")[0]
+    assert "\n### " not in unreleased, "a merge has brought back what was replaced by the page"
+    assert "\n- " not in unreleased, "each change is a file in the folder changes"
+    assert "## Unreleased" not in text
+
+
 def test_a_version_gets_all_changes_by_their_kind(tmp_path: Path) -> None:
     (tmp_path / "scripts").mkdir()
     (tmp_path / "changes").mkdir()

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from mindstage.cli.options import ExitCode, MapArgument
-from mindstage.engines import EngineFactory, NullEngine
+from mindstage.engines import Engine, EngineFactory, EngineSettings, NullEngine
 from mindstage.errors import SourceParseError
 from mindstage.files import atomic_write
 from mindstage.knowledge.questions import AnswerRow, IndividualName, QuestionContext, question
@@ -21,9 +21,10 @@ from mindstage.maps.io.formats import WorldFormat, WrittenWorld
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.robot import Robot
 from mindstage.robots.sensors import Sensor
-from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, IriRef, Literal, Mobility, Pose, World
+from mindstage.scene.edits import SetPoses
 
 NAMESPACE = "https://pantry.example/vocabulary#"
 DAYS = {"CowsMilk": 7, "Milk": 7, "Juice": 14, "Bread": 3}
@@ -78,13 +79,23 @@ class ConveyorEngine(NullEngine):
     def step(self, duration_s: float) -> None:
         """See `Engine`."""
         super().step(duration_s)
-        for body in self.snapshot().bodies:
-            if body.physics.mobility is Mobility.DYNAMIC:
-                x, y, z = body.pose.position
-                self.set_pose(body.id, Pose((x + 0.1 * duration_s, y, z), body.pose.quaternion))
+        loose = (body for body in self.snapshot().bodies if body.physics.mobility is Mobility.DYNAMIC)
+        poses = {body.id: moved_along_x(body.pose, 0.1 * duration_s) for body in loose}
+        self.apply(SetPoses(poses=poses))
 
 
-CONVEYOR = EngineFactory(("conveyor",), lambda name, settings: ConveyorEngine())
+def moved_along_x(pose: Pose, distance_m: float) -> Pose:
+    """A pose that is moved along the x axis of the world frame."""
+    x, y, z = pose.position
+    return Pose((x + distance_m, y, z), pose.quaternion)
+
+
+def make_conveyor(name: str, settings: EngineSettings) -> Engine:
+    """The engine of that name."""
+    return ConveyorEngine()
+
+
+CONVEYOR = EngineFactory(("conveyor",), make_conveyor)
 
 
 # -- a dialect of maps: the place of a thing is a text "x y z" ---------------------------------------------------------
@@ -126,7 +137,7 @@ def read_stock(path: Path) -> World:
     Raises:
         SourceParseError: a line has another form.
     """
-    bodies = []
+    bodies: list[Body] = []
     for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
         try:
             name, cls, *place = line.split()

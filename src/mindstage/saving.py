@@ -285,7 +285,7 @@ def _save_godot_scene(written: WrittenWorld) -> tuple[str, ...]:
     """Spawns the world in a Godot process, which saves it as a scene."""
     from tempfile import TemporaryDirectory
 
-    from mindstage.engines import GodotEngine
+    from mindstage.engines.remote.godot import GodotEngine
     from mindstage.maps.io.write import save_file
 
     engine = GodotEngine(written.godot)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from mindstage import KnowledgeBase
+from mindstage.episodes.history import EpisodeHistory
 from tests.episodes.kitchenette_recording import EVENTS, kitchenette_recording
 from tests.episodes.test_questions_over_time import knowledge_of_kitchenette
 from tests.kitchenette import MAP
@@ -92,6 +93,16 @@ def test_who_moved_a_thing_and_how(knowledge: KnowledgeBase) -> None:
     assert (row.agent, row.how, row.begin, row.end, row.episode) == (DRAWER, "Grasping", 2.0, 3.0, RUN)
     assert reasons(knowledge.ask("who_moved", "Fridge")) == [f"nothing is recorded to have moved Fridge in {RUN}"]
     assert reasons(knowledge.ask("who_moved", "map")) == [f"map has no body in {RUN}"]
+
+
+def test_a_history_gets_another_name_with_its_recording(knowledge: KnowledgeBase) -> None:
+    history = EpisodeHistory(kitchenette_recording(), name="first")
+    assert knowledge.add_episode(history, name="second") == "second"
+    try:
+        rows = knowledge.ask("occurs", episode="second")
+        assert [(row.name, row.episode) for row in rows] == [(event.id, "second") for event in EVENTS]
+    finally:
+        knowledge.remove_episode("second")
 
 
 def test_relations_hold_in_intervals(knowledge: KnowledgeBase) -> None:

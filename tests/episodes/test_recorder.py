@@ -133,6 +133,44 @@ def test_rerun_opens_an_episode(simulation: Simulation, tmp_path: Path) -> None:
     assert rows["/joint_states/position"] > 0
 
 
+def test_a_file_defines_every_type_that_its_messages_have(simulation: Simulation, tmp_path: Path) -> None:
+    drop_the_mug(simulation, tmp_path / "run.mcap")
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    plain = re.compile(r"(bool|byte|char|w?string|u?int(8|16|32|64)|float(32|64))\b")
+    for schema in summary.schemas.values():
+        first, *others = schema.data.decode().split("\n" + "=" * 80 + "\nMSG: ")
+        defined = {name: text for name, _, text in (each.partition("\n") for each in others)}
+        package = schema.name.split("/")[0]
+        for name, text in {f"{package}/": first, **defined}.items():
+            types = {line.split()[0].split("[")[0] for line in text.splitlines() if line.strip() and "=" not in line}
+            for type in {each for each in types if not plain.match(each)}:
+                whole = type if "/" in type else f"{name.split('/')[0]}/{type}"
+                assert whole in defined, (schema.name, whole)
+
+
+def test_joints_are_recorded_at_their_positions_and_named_by_their_only_axis(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    with Recorder(simulation, tmp_path / "run.mcap"):
+        simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
+        simulation.step(0.5)
+        live = simulation.run_on_engine(lambda engine: dict(engine.joint_positions()))
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        found = episode.frame_at(episode.end_s).joint_positions
+    assert found is not None
+    assert found.keys() == live.keys()
+    for id, position in live.items():
+        assert found[id] == pytest.approx(position, abs=1e-6)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(["/joint_states"])
+        positions = [dict(zip(each.name, each.position, strict=True)) for *_, each in messages]
+    assert positions[-1]["DrawerSlide"] == pytest.approx(live["DrawerSlide"][0], abs=1e-6)
+    assert abs(positions[-1]["DrawerSlide"]) > 0.1
+    assert "FridgeHinge" in positions[0]
+
+
 def test_only_what_moved_is_written(simulation: Simulation, tmp_path: Path) -> None:
     simulation.step(2.0)
     with Recorder(simulation, tmp_path / "run.mcap"):
@@ -321,6 +359,21 @@ def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
     with Episode(tmp_path / "without.mcap") as without, Episode(tmp_path / "with.mcap") as recorded:
         assert not without.header.has_events
         assert [each.kind for each in without.events()] == [each.kind for each in recorded.events()] != []
+
+
+def test_an_edit_between_two_frames_is_a_frame(simulation: Simulation, tmp_path: Path) -> None:
+    with Recorder(simulation, tmp_path / "run.mcap", rate_hz=5.0) as recorder:
+        simulation.step(0.25)
+        before = recorder.frames
+        edit(simulation, lambda engine: engine.set_label(MUG, "first"))
+        simulation.step(0.05)
+        edit(simulation, lambda engine: engine.set_label(MUG, "second"))
+        assert recorder.frames == before + 2
+        simulation.step(0.3)
+    labels = {0.22: None, 0.26: "first", 0.29: "first", 0.31: "second", 0.6: "second"}
+    with Episode.open(tmp_path / "run.mcap") as episode:
+        found = {time_s: episode.frame_at(time_s).world().body("Mug").label for time_s in labels}
+    assert found == labels
 
 
 def test_a_playing_simulation_is_recorded(simulation: Simulation, tmp_path: Path) -> None:

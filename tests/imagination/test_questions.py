@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from mindstage.engines import Capability, MujocoEngine, NullEngine
+from mindstage.engines import Capability, NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, PlanError
 from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_from_text
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question, list_questions
 from mindstage.maps import bundled_kitchen
+from mindstage.maps.io.write import write_map
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
@@ -136,6 +139,16 @@ def test_a_free_door_opens_to_its_limit_and_a_blocked_one_names_what_is_in_the_w
     assert door.obstacles == (MAP + "Obstacle",)
     assert "Obstacle is in the way" in door.why
     assert door.probability == 0.0
+
+
+def test_a_thing_of_one_of_two_maps_is_opened_in_that_map(tmp_path: Path) -> None:
+    with KnowledgeBase() as knowledge:
+        knowledge.load(bundled_kitchen())
+        (tmp_path / "small.owl").write_text(write_map(kitchenette()), encoding="utf-8")
+        knowledge.load(tmp_path / "small.owl")
+        (row,) = knowledge.ask("can_open", DRAWER)
+        assert (row.front, row.map) == (DRAWER, MAP + "map")
+        assert knowledge.ask("stays", "milk_carton_1", for_s=0.1)[0].map.endswith("kitchen")
 
 
 def test_what_no_joint_moves_cannot_be_opened(sim: Simulation) -> None:

@@ -17,7 +17,7 @@ from mindstage.knowledge.questions import StateAccess, get_question
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.abilities import AbilityRow, profile_of_model
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot_model import (
+from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     Gripper,
@@ -32,8 +32,8 @@ from mindstage.robots.robot_model import (
     SensorType,
 )
 from mindstage.robots.self_models import add_self_model, component_class, read_self_model
+from mindstage.robots.skill_declaration import SkillNeed
 from mindstage.robots.skills import skill_specs
-from mindstage.robots.skills.declaration import SkillNeed
 from mindstage.scene import IDENTITY
 
 SELF_MODEL = """<?xml version="1.0"?>
@@ -305,6 +305,19 @@ def test_a_self_model_adds_its_arms_to_a_description(self_model: Path) -> None:
     assert any("mobile" in note.text for note in joined.notes) is False
     profile = profile_of_model(joined)
     assert any(component_class("Camera") in each.classes for each in profile.components)
+
+
+def test_the_parts_of_a_robot_are_at_its_links() -> None:
+    known = load_model("mobile_manipulator")
+    found = {each.name: (each.classes[0].rpartition("#")[2], each.links) for each in profile_of_model(known).components}
+    arm, gripper, head = known.arms[0], known.grippers[0], known.head
+    assert found["base"] == ("HolonomicBase", (known.base.link,))
+    assert found[arm.name] == ("ArmComponent", (arm.base_link, arm.tip_link))
+    assert found[gripper.name] == ("GripperComponent", (gripper.link,))
+    assert found["head"] == ("MovableHead", (head.link,))
+    assert {each.name: (each.link,) for each in known.sensors}.items() <= {
+        name: links for name, (_, links) in found.items()
+    }.items()
 
 
 def test_arm_and_gripper_of_a_robot_are_those_of_its_srdf(tmp_path: Path) -> None:

@@ -194,6 +194,15 @@ def test_a_line_is_straight_and_slow() -> None:
         assert robot.run(robot.following(trajectory))
 
 
+def test_a_line_is_in_the_frame_of_the_world_wherever_the_robot_stands() -> None:
+    with robot_in(at=(1.0, -2.0, 0.7)) as robot:
+        end = robot.grasp_pose("gripper") + np.array([0.0, 0.0, 0.08, 0.0, 0.0, 0.0, 0.0])
+        assert robot.run(robot.following(plan_line(robot, "", end)))
+        found = robot.grasp_pose("gripper")
+        assert found[:3] == pytest.approx(end[:3], abs=0.005)
+        assert quat_angle(found[3:], end[3:]) < 0.02
+
+
 def test_a_line_through_a_wall_is_refused_with_its_name() -> None:
     with robot_in(WALL) as robot:
         assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))

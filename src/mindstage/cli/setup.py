@@ -191,7 +191,7 @@ def knowledge_with_episodes(
         InvalidArgumentError: the folder does not exist; see also `knowledge_base`.
     """
     folder = episodes.episodes
-    opened = _open_episodes(episodes.episode or ()) if folder is None else []
+    opened = _open_episodes(episodes.episode) if episodes.episode and folder is None else []
     if opened and not maps and store is None and endpoint is None:
         knowledge = opened[0].knowledge()
         knowledge.load((), ontologies=[*(reading.ontologies or ()), *_ros_packages()])
@@ -214,6 +214,8 @@ def knowledge_with_episodes(
 
 
 def _open_episodes(files: Sequence[str]) -> list[EpisodeHistory]:
+    if not files:
+        return []
     from mindstage.episodes.history import open_episode
 
     opened = [open_episode(file) for file in files]

@@ -24,7 +24,7 @@ from mindstage.errors import (
     SimulationError,
 )
 from mindstage.ranges import Index, checked
-from mindstage.scene import BodyId, BodyPhysics, Material, Pose, World
+from mindstage.scene import BodyId, BodyPhysics, Material, Pose, PoseLike, World, as_pose
 from mindstage.scene.edits import (
     Attach,
     Delete,
@@ -115,7 +115,7 @@ class UndoStack:
         label = f"edit: {edit.label}"
         return self._simulation.run_on_engine(apply, label=label, timeout_s=timeout_s, edits=True)
 
-    def move(self, id: BodyId, pose: Pose, *, continues_last: bool = False) -> None:
+    def move(self, id: BodyId, pose: PoseLike, *, continues_last: bool = False) -> None:
         """Sets the pose of a body, at rest; attached bodies move with it.
 
         Args:
@@ -127,9 +127,9 @@ class UndoStack:
             BodyNotFoundError: no body has that id.
             PoseUnreachableError: a joint does not allow the pose.
         """
-        self.apply(SetPoses({id: pose}), continues_last=continues_last)
+        self.apply(SetPoses({id: as_pose(pose)}), continues_last=continues_last)
 
-    def move_all(self, poses: Mapping[BodyId, Pose], *, label: str = "", continues_last: bool = False) -> None:
+    def move_all(self, poses: Mapping[BodyId, PoseLike], *, label: str = "", continues_last: bool = False) -> None:
         """Sets the poses of several bodies as one edit; bodies that are attached to others of them move with those.
 
         Args:
@@ -141,7 +141,9 @@ class UndoStack:
             BodyNotFoundError: one of the bodies does not exist; nothing is moved then.
             PoseUnreachableError: a joint does not allow a pose; nothing is moved then.
         """
-        self.apply(SetPoses(dict(poses), title=label), continues_last=continues_last)
+        self.apply(
+            SetPoses({id: as_pose(each) for id, each in poses.items()}, title=label), continues_last=continues_last
+        )
 
     def set_physics(self, id: BodyId, physics: BodyPhysics, *, label: str = "physics") -> None:
         """Sets mobility, gravity, mass and overlap events; `label` names what changes.
