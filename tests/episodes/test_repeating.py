@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Episode, Recorder
 from mindstage.episodes.repeating import repeat_edits
 from mindstage.knowledge import KnowledgeBase
