@@ -17,8 +17,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from mindstage.robots.skills.declaration import Skill
 
 from mindstage import errors
+from mindstage.knowledge.questions import Question
 from mindstage.registry import Group, extensions
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -373,6 +375,17 @@ def test_a_module_under_100_lines_has_several_importers() -> None:
         and module_name(path) not in named
     ]
     assert not small, "a module under 100 lines with one importer belongs into that importer"
+
+
+def test_every_entry_point_names_something_under_its_own_name() -> None:
+    found = [(each, each.load(object)) for group in Group for each in extensions(group).values()]
+    declared = [
+        (each.name, value.spec.name if isinstance(value, Skill) else value.name)
+        for each, value in found
+        if isinstance(value, Skill | Question)
+    ]
+    assert declared
+    assert [pair for pair in declared if pair[0] != pair[1]] == []
 
 
 def test_no_two_public_classes_share_a_name() -> None:

@@ -25,6 +25,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import decode, engine_service, mindstage_msgs, service_types
 from mindstage.ros import RosInterface
 from mindstage.scene import BodyGeometry, BodyId, BodyPhysics, CollisionShape, Material, Mobility, diff
+from mindstage.scene.edits import SetPhysics, edit_to_json
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
 from tests.kitchenette import kitchenette
@@ -95,6 +96,7 @@ def test_responses_to_edits_have_the_expected_time_of_a_rebuild(engine: Call, si
         "set_physics": {"id": "Mug", "physics": to_json(BodyPhysics(mobility=Mobility.STATIC))},
         "attach": {"parent": "Fridge", "child": "Mug"},
         "delete": {"ids": ["Mug"]},
+        "apply_edit": {"edit": edit_to_json(SetPhysics(id=BodyId("Drawer"), physics=BodyPhysics())).decode()},
         "clear": {},
         "spawn_world": {"world": world_to_json(kitchenette())},
     }

@@ -55,7 +55,7 @@ __all__ = [
     "make_engine",
 ]
 
-__dir__ = __all__.copy
+__dir__ = [*__all__, "edits"].copy
 
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
 
