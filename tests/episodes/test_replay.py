@@ -142,13 +142,13 @@ def test_the_events_of_a_history_are_those_of_its_recording_with_the_names_of_bo
 @pytest.mark.parametrize(
     ("edit", "what"),
     [
-        (lambda replay: replay.undo_stack.delete([MUG]), "delete bodies"),
-        (lambda replay: replay.undo_stack.move(MUG, Pose((0.0, 0.0, 2.0))), "move bodies"),
-        (lambda replay: replay.undo_stack.attach(DRAWER, MUG), "attach bodies"),
+        (lambda replay: replay.undo_stack.delete([MUG]), "delete"),
+        (lambda replay: replay.undo_stack.move(MUG, Pose((0.0, 0.0, 2.0))), "set poses"),
+        (lambda replay: replay.undo_stack.attach(DRAWER, MUG), "attach"),
         (lambda replay: replay.pull(MUG, point=(0.0, 0.0, 0.0), target=(0.0, 0.0, 2.0)), ""),
         (lambda replay: replay.clear(), "remove its bodies"),
         (lambda replay: replay.set_knowledge(KnowledgeBase()), "remove its bodies"),
-        (lambda replay: replay.spawn(kitchenette()), "spawn bodies"),
+        (lambda replay: replay.spawn(kitchenette()), "spawn"),
         (lambda replay: replay.place(MUG, on="Fridge"), ""),
     ],
 )
