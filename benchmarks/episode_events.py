@@ -9,7 +9,8 @@ from statistics import median
 
 import mindstage as ms
 from benchmarks import Measure
-from mindstage.engines import Engine, MujocoEngine
+from mindstage.engines import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import EpisodeFrame, EventDetector
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, BodyPhysics, GeometryMap, Iri, Mobility, Pose, World
 from mindstage.scene.edits import Spawn

@@ -14,8 +14,10 @@ from typing import NamedTuple
 
 from benchmarks import Measure
 from benchmarks.mujoco import grid_world, kitchen_world
-from mindstage.engines import Engine, GodotEngine, MujocoEngine
-from mindstage.engines.godot_process import find_godot, isolated_environment, prepare_project
+from mindstage.engines import Engine
+from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.remote.godot import GodotEngine
+from mindstage.engines.remote.godot_process import find_godot, isolated_environment, prepare_project
 from mindstage.errors import EngineUnavailableError
 from mindstage.scene import World
 from mindstage.scene.edits import Spawn

@@ -14,7 +14,8 @@ import mujoco
 
 import mindstage as ms
 from benchmarks import Measure
-from mindstage.engines import Engine, MujocoEngine
+from mindstage.engines import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.imagination import Executor, Plan, Push, Uncertainty, Wait, WorkerPoolExecutor, evaluate_plan
 from mindstage.imagination.executors import Job, SampleRunner
 from mindstage.knowledge import KnowledgeBase

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from benchmarks import Measure
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World

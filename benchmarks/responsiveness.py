@@ -16,7 +16,7 @@ from tests.fuzz.running_server import RunningServer, ServerFuzzer
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
 from mindstage.access.limits import SPEED
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Iri, Pose, World
 from mindstage.scene.edits import SetLabel, SetPhysics

@@ -13,7 +13,7 @@ import mink
 import numpy as np
 
 from benchmarks import Measure
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE
 from mindstage.errors import RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase

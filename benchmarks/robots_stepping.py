@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks import Measure
 from benchmarks.mujoco import kitchen_world
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.robots.drives import drives_of
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.world import robot_world

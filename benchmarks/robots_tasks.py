@@ -17,7 +17,7 @@ from typing import Any
 import gymnasium
 
 from benchmarks import Measure
-from mindstage.robots.gym import EpisodeScore, play_randomly, play_skill
+from mindstage.gym import EpisodeScore, play_randomly, play_skill
 
 _TASKS: dict[str, dict[str, Any]] = {
     "Open": {},

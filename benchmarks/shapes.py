@@ -14,7 +14,8 @@ import mujoco
 import numpy as np
 
 from benchmarks import Measure, run
-from mindstage.engines import MujocoEngine, SpawnNoteKind
+from mindstage.engines import SpawnNoteKind
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.geometry.fit import fit_geometry
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen

@@ -203,7 +203,7 @@ def module_source(package: str, definitions: list[Definition], readme: str) -> s
     )
     imports = ["from __future__ import annotations"]
     imports += [f"from typing import {word}" for word in ("Annotated", "ClassVar") if word in text]
-    imports += ["from msgspec import Meta"] * ("Meta(" in text) + ["from mindstage.msgs import base"]
+    imports += ["from msgspec import Meta"] * ("Meta(" in text) + ["from mindstage.msgs.schema import base"]
     imports += [f"from mindstage.msgs._generated import {other}" for other in imported]
     return "\n".join(
         [

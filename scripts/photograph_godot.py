@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mindstage import KnowledgeBase, Simulation
 from mindstage.cli.shot import pull_open
-from mindstage.engines import GodotEngine
+from mindstage.engines.remote.godot import GodotEngine
 from mindstage.errors import MindstageError
 from mindstage.scene import BodyId, Vector
 

@@ -11,7 +11,7 @@ from types import FrameType
 from typing import TypeVar
 
 import mindstage
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen, save_map
 from mindstage.scene import World

@@ -91,7 +91,7 @@ def godot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     From now on caches are the tests' own; those that run beside one another share them, since a project takes a while
     to prepare.
     """
-    from mindstage.engines.godot_process import find_godot
+    from mindstage.engines.remote.godot_process import find_godot
     from mindstage.errors import EngineUnavailableError
 
     try:

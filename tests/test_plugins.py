@@ -16,8 +16,8 @@ SHY = '''
 from collections.abc import Iterator
 
 from mindstage.knowledge.questions import AnswerRow, IndividualName, QuestionContext, question
-from mindstage.robots.skills.declaration import SkillMotion, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import SkillMotion, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.scene import Iri
 
 

@@ -1,6 +1,6 @@
 """The structure of the source tree: packages, imports, public names, errors, sizes.
 
-The allowed imports are read from the table in `docs/explanation/architecture.md`, so that document and code agree.
+The order of the packages is read from the table in `docs/explanation/architecture.md`, so that document and code agree.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import builtins
 import importlib
 import inspect
 import re
-import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -18,8 +17,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from mindstage.robots.skills.declaration import Skill
 
 from mindstage import errors
+from mindstage.knowledge.questions import Question
 from mindstage.registry import Group, extensions
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,38 +44,37 @@ def problems(paths: Iterable[Path], check: Callable[[Path], Iterable[str]]) -> l
 
 
 class PackageRow(NamedTuple):
-    name: str
-    imports: frozenset[str] | None
-    """The other packages that this one may import; None for all."""
+    rank: int
+    """The place in the order of packages: they import only those of a lower rank."""
     libraries: frozenset[str]
 
 
 @cache
 def package_rows() -> dict[str, PackageRow]:
     text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `([a-z_/]+)` \|(.*)\|(.*)\|(.*)\|$", text, re.MULTILINE)
-    names = {name for name, *_ in rows}
-    found = {}
-    for name, _, imports, libraries in rows:
-        allowed = None if imports.strip() == "all" else frozenset(re.findall(r"`([a-z_/]+)`", imports))
-        assert (allowed or set()) <= names, f"the row of {name} names packages without a row: {allowed}"
-        found[name] = PackageRow(name, allowed, frozenset(re.findall(r"`([a-z_0-9]+)`", libraries)))
-    return found
+    rows = re.findall(r"^\| `([a-z_/]+)` \|.*\|(.*)\|$", text, re.MULTILINE)
+    return {
+        name: PackageRow(rank, frozenset(re.findall(r"`([a-z_0-9]+)`", libraries)))
+        for rank, (name, libraries) in enumerate(rows)
+    }
 
 
-def module_name(path: Path) -> str:
-    parts = path.relative_to(ROOT / "src").with_suffix("").parts
+def module_name(path: Path, root: Path = ROOT) -> str:
+    parts = path.relative_to(root / "src").with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = frozenset(map(module_name, SOURCES))
 
 
 @cache
 def package_of(module: str) -> str | None:
-    """The deepest package of the table that contains the module; None for the top-level package."""
+    """The deepest package of the table that contains the module."""
     parts = module.split(".")[1:]
     for end in range(len(parts), 0, -1):
         if (name := "/".join(parts[:end])) in package_rows():
             return name
-    return None
+    return {"": "mindstage", "__main__": "cli"}.get(".".join(parts))
 
 
 @cache
@@ -83,9 +83,9 @@ def syntax_tree(path: Path) -> ast.Module:
 
 
 @cache
-def imported_names(path: Path) -> tuple[str, ...]:
+def imported_names(path: Path, root: Path = ROOT) -> tuple[str, ...]:
     """The dotted names that a module imports: at its top, inside functions and for type checking alike."""
-    here = module_name(path).split(".")
+    here = module_name(path, root).split(".")
     base = here if path.name == "__init__.py" else here[:-1]
     found: list[str] = []
     for node in ast.walk(syntax_tree(path)):
@@ -100,43 +100,121 @@ def imported_names(path: Path) -> tuple[str, ...]:
                 func=ast.Name(id="import_module") | ast.Attribute(attr="import_module"),
                 args=[ast.Constant(value=str(name)), *_],
             ):
-                found.append(name)
+                level = len(name) - len(name.lstrip("."))
+                found.append(".".join([*base[: len(base) - level + 1], name.lstrip(".")]) if level else name)
     return tuple(found)
 
 
-def imported_packages(path: Path) -> Iterator[tuple[str, str, str]]:
-    """The importing package, the imported package and the imported name of each import between two packages."""
-    own = package_of(module_name(path))
-    for target in imported_names(path):
-        if target.split(".")[0] == "mindstage" and own is not None:
-            package = package_of(target)
-            if package is None or (path.name == "__init__.py" and package.startswith(f"{own}/")):
-                continue  # a package re-exports names of its sub-packages
-            if package not in {own, "errors", "ranges"}:
-                yield own, package, target
+def named_modules(path: Path, root: Path = ROOT) -> Iterator[str]:
+    """The dotted names in the strings of a module, without its documentation; `{__name__}.x` in an f-string is one."""
+    tree = syntax_tree(path)
+    blocks = (node for node in ast.walk(tree) if isinstance(getattr(node, "body", None), list))
+    documentation = {
+        id(statement.value) for node in blocks for statement in node.body if isinstance(statement, ast.Expr)
+    }
+    for node in ast.walk(tree):
+        match node:
+            case ast.Constant(value=str(text)) if id(node) not in documentation:
+                pass
+            case ast.JoinedStr(
+                values=[ast.FormattedValue(value=ast.Name(id="__name__")), ast.Constant(value=str(end))]
+            ):
+                text = module_name(path, root) + end
+            case _:
+                continue
+        if re.fullmatch(r"mindstage(\.\w+)+(:\w+)?", text):
+            yield text.replace(":", ".")
 
 
-def test_a_package_imports_only_what_its_row_allows() -> None:
+def module_of(name: str) -> str | None:
+    """The module that a dotted name is in; None if it is in none of ours."""
+    while name and name not in MODULES:
+        name = name.rpartition(".")[0]
+    return name or None
+
+
+def upward_references(path: Path, root: Path = ROOT) -> Iterator[str]:
+    """The modules of higher packages that a module imports, or names in a string."""
+    own = package_of(module_name(path, root))
+    assert own is not None, path
+    strings = {name for name in named_modules(path, root) if module_of(name) != "mindstage"}  # such as a file's name
+    if own == "registry":
+        strings -= {"mindstage.engines"}  # a group of entry points
+    for name in dict.fromkeys((*imported_names(path, root), *sorted(strings))):
+        target = module_of(name)
+        package = package_of(target) if target is not None else None
+        if package is not None and package_rows()[package].rank > package_rows()[own].rank:
+            yield f"{name} is in {package}, above {own}"
+
+
+def test_imports_and_names_of_modules_lead_down_only() -> None:
+    assert not problems(SOURCES, upward_references)
+
+
+def test_a_package_shows_no_names_of_higher_packages() -> None:
     def check(path: Path) -> Iterator[str]:
-        for own, package, target in imported_packages(path):
-            allowed = package_rows()[own].imports
-            if allowed is not None and package not in allowed:
-                yield f"imports {target}, {own} may not use {package}"
+        module = importlib.import_module(module_name(path))
+        for name in getattr(module, "__all__", ()):
+            value = getattr(module, name)
+            defined = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None) or ""
+            package, own = package_of(defined) if module_of(defined) else None, package_of(module.__name__)
+            if package and own and package_rows()[package].rank > package_rows()[own].rank:
+                yield f"shows {name}, which {defined} defines"
 
-    assert not problems(SOURCES, check)
+    assert not problems((path for path in SOURCES if path.name == "__init__.py"), check)
 
 
-def test_every_allowed_import_exists() -> None:
-    used = {(own, package) for path in SOURCES for own, package, _ in imported_packages(path)}
-    allowed = {(row.name, package) for row in package_rows().values() for package in row.imports or ()}
-    assert not allowed - used, "the table in architecture.md allows imports that no module needs"
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import mindstage.simulation",
+        "from mindstage import simulation",
+        "from mindstage.simulation.simulation import Simulation",
+        "from .. import simulation",
+        "from ..simulation import Simulation",
+        "def late():\n    from mindstage.simulation import Simulation",
+        "if TYPE_CHECKING:\n    from mindstage.simulation import Simulation",
+        "import_module('mindstage.simulation')",
+        "importlib.import_module('..simulation', __package__)",
+        "MODULES = ['mindstage.simulation.simulation']",
+        "ENTRY_POINT = 'mindstage.simulation:Simulation'",
+        "lazy_names(__name__, {'Simulation': 'mindstage.simulation'})",
+        "lazy_names(__name__, [f'{__name__}.queries.storage'])",
+    ],
+)
+def test_every_kind_of_reference_to_a_higher_package_is_found(line: str, tmp_path: Path) -> None:
+    package = tmp_path / "src" / "mindstage" / "knowledge"
+    package.mkdir(parents=True)
+    for name in ("__init__.py",) if "__name__" in line else ("__init__.py", "store.py"):
+        path = package / name
+        path.write_text(f'"""Documentation may name `mindstage.simulation`."""\n\n{line}\n', encoding="utf-8")
+        assert len([*upward_references(path, tmp_path)]) == 1, name
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from mindstage.rdf.graphs import Graph",
+        "from mindstage import rdf",
+        "from . import store",
+        "import_module('mindstage.maps.io.files')",
+        "FILE = 'mindstage.json'",
+        "IRI = 'http://mindstage.simulation.org/'",
+        "class Documented:\n    field = 1\n    'mindstage.simulation'",
+    ],
+)
+def test_other_references_are_allowed(line: str, tmp_path: Path) -> None:
+    path = tmp_path / "src" / "mindstage" / "knowledge" / "store.py"
+    path.parent.mkdir(parents=True)
+    path.write_text(line, encoding="utf-8")
+    assert not [*upward_references(path, tmp_path)]
 
 
 def test_a_library_is_imported_in_its_packages_only() -> None:
     owners: dict[str, tuple[str, ...]] = {}
-    for row in package_rows().values():
+    for package, row in package_rows().items():
         for library in row.libraries:
-            owners[library] = (*owners.get(library, ()), f"{row.name}/")
+            owners[library] = (*owners.get(library, ()), f"{package}/")
 
     def check(path: Path) -> Iterator[str]:
         own = package_of(module_name(path)) or ""
@@ -147,38 +225,10 @@ def test_a_library_is_imported_in_its_packages_only() -> None:
     assert not problems(SOURCES, check)
 
 
-def test_every_module_is_in_a_package_of_the_table() -> None:
-    outside = {module_name(path) for path in SOURCES if package_of(module_name(path)) is None}
-    assert outside <= {"mindstage", "mindstage.__main__"}
-
-
-def test_every_package_of_the_table_exists() -> None:
-    for name in package_rows():
-        assert (PACKAGE / name).is_dir() or (PACKAGE / f"{name}.py").is_file(), f"there is no package {name}"
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("import mindstage.simulation", ["mindstage.simulation"]),
-        ("from mindstage.scene import Pose", ["mindstage.scene.Pose"]),
-        ("from . import broker", ["mindstage.bridge.broker"]),
-        ("from .broker import Broker", ["mindstage.bridge.broker.Broker"]),
-        ("from ..knowledge import KnowledgeBase", ["mindstage.knowledge.KnowledgeBase"]),
-        ("def late():\n    import mujoco", ["mujoco"]),
-        ("if TYPE_CHECKING:\n    import mujoco", ["mujoco"]),
-        ("import_module('mindstage.simulation')", ["mindstage.simulation"]),
-        ("importlib.import_module('mindstage.simulation')", ["mindstage.simulation"]),
-    ],
-)
-def test_every_form_of_import_is_found(
-    line: str, expected: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
-    path = tmp_path / "src" / "mindstage" / "bridge" / "server.py"
-    path.parent.mkdir(parents=True)
-    path.write_text(line, encoding="utf-8")
-    assert list(imported_names(path)) == expected
+def test_every_folder_and_every_module_beside_them_is_a_row_of_the_table() -> None:
+    folders = {path.parent.relative_to(PACKAGE).as_posix() for path in SOURCES} - {"."}
+    modules = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}
+    assert {*folders, *modules, "mindstage"} == package_rows().keys()
 
 
 # -- modules -----------------------------------------------------------------------------------------------------------
@@ -325,6 +375,17 @@ def test_a_module_under_100_lines_has_several_importers() -> None:
         and module_name(path) not in named
     ]
     assert not small, "a module under 100 lines with one importer belongs into that importer"
+
+
+def test_every_entry_point_names_something_under_its_own_name() -> None:
+    found = [(each, each.load(object)) for group in Group for each in extensions(group).values()]
+    declared = [
+        (each.name, value.spec.name if isinstance(value, Skill) else value.name)
+        for each, value in found
+        if isinstance(value, Skill | Question)
+    ]
+    assert declared
+    assert [pair for pair in declared if pair[0] != pair[1]] == []
 
 
 def test_no_two_public_classes_share_a_name() -> None:

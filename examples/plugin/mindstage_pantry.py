@@ -21,8 +21,8 @@ from mindstage.maps.io.formats import WorldFormat, WrittenWorld
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.robot import Robot
 from mindstage.robots.sensors import Sensor
-from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, IriRef, Literal, Mobility, Pose, World
 from mindstage.scene.edits import SetPoses
 

@@ -21,7 +21,8 @@ from mindstage.lazy_names import lazy_names, when_imported
 
 if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
-    from mindstage.engines import MujocoEngine, NullEngine
+    from mindstage.engines import NullEngine
+    from mindstage.engines.mujoco import MujocoEngine
     from mindstage.imagination import evaluate_plan, try_first
     from mindstage.knowledge import KnowledgeBase
     from mindstage.pictures import shot
@@ -54,7 +55,7 @@ __version__ = "0.1.0"
 
 _MODULES = {
     "KnowledgeBase": "mindstage.knowledge",
-    "MujocoEngine": "mindstage.engines",
+    "MujocoEngine": "mindstage.engines.mujoco",
     "NullEngine": "mindstage.engines",
     "Screenshot": "mindstage.rendering",
     "Simulation": "mindstage.simulation",
@@ -73,8 +74,8 @@ _MODULES = {
 
 
 _PACKAGES = (
-    *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "imagination", "knowledge", "maps"),
-    *("msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation", "textures", "viewer"),
+    *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "gym", "imagination", "knowledge"),
+    *("maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation", "textures", "viewer"),
 )
 """Those with a page in the reference."""
 
@@ -90,7 +91,7 @@ def _register_environments(gymnasium: ModuleType) -> None:
     for name, steps in _EPISODE_STEPS.items():
         id = f"mindstage/{name}-v0"
         if id not in gymnasium.registry:
-            gymnasium.register(id, entry_point=f"mindstage.robots.gym:{name}Env", max_episode_steps=steps)
+            gymnasium.register(id, entry_point=f"mindstage.gym:{name}Env", max_episode_steps=steps)
 
 
 when_imported("gymnasium", _register_environments)

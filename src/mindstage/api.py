@@ -149,7 +149,7 @@ def connect(
         EngineUnavailableError: there is no response from the URL, or it does not serve an engine.
         SourceParseError: a file cannot be read.
     """
-    from mindstage.engines import connect as connect_engine
+    from mindstage.engines.remote import connect as connect_engine
 
     with ExitStack() as on_error:
         engine = connect_engine(url, timeout_s=timeout_s, control_time=control_time)

@@ -53,7 +53,7 @@ class Group(StrEnum):
     QUESTIONS = "mindstage.questions"
     """Each is a `mindstage.knowledge.questions.Question`."""
     SKILLS = "mindstage.skills"
-    """Each is a `mindstage.robots.skills.declaration.Skill`."""
+    """Each is a `mindstage.robots.skill_declaration.Skill`."""
     ENGINES = "mindstage.engines"
     """Each is an `mindstage.engines.EngineFactory`."""
     DIALECTS = "mindstage.dialects"

@@ -285,7 +285,7 @@ def _save_godot_scene(written: WrittenWorld) -> tuple[str, ...]:
     """Spawns the world in a Godot process, which saves it as a scene."""
     from tempfile import TemporaryDirectory
 
-    from mindstage.engines import GodotEngine
+    from mindstage.engines.remote.godot import GodotEngine
     from mindstage.maps.io.write import save_file
 
     engine = GodotEngine(written.godot)
@@ -301,10 +301,14 @@ def _save_godot_scene(written: WrittenWorld) -> tuple[str, ...]:
     return tuple(f"{each.id} is not in the scene: {each.reason}" for each in failed)
 
 
-OWL = WorldFormat(suffixes=(".owl", ".rdf"), title="Semantic map, OWL", syntax=MapFormat.RDF_XML)
-TURTLE = WorldFormat(suffixes=(".ttl",), title="Semantic map, Turtle", syntax=MapFormat.TURTLE)
+OWL = WorldFormat(
+    suffixes=(".owl", ".rdf"), title="Semantic map, OWL", media_type="application/rdf+xml", syntax=MapFormat.RDF_XML
+)
+TURTLE = WorldFormat(
+    suffixes=(".ttl",), title="Semantic map, Turtle", media_type="text/turtle", syntax=MapFormat.TURTLE
+)
 MJCF = WorldFormat(suffixes=(".mjcf", ".xml"), title="MuJoCo model", write=_save_mjcf)
-GLTF = WorldFormat(suffixes=(".glb",), title="glTF scene", write=_save_gltf)
+GLTF = WorldFormat(suffixes=(".glb",), title="glTF scene", media_type="model/gltf-binary", write=_save_gltf)
 """Visual geometry and lights."""
 GODOT = WorldFormat(suffixes=(".tscn",), title="Godot scene", write=_save_godot_scene)
 """Godot has to be installed."""

@@ -13,7 +13,7 @@ import pytest
 
 from mindstage import msgs
 from mindstage.access.policies import EntryKind
-from mindstage.msgs.base import fields_of
+from mindstage.msgs.schema.base import fields_of
 from tests.access.conftest import TOKEN, Served
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
 from tests.viewer.page_client import connect_page_client

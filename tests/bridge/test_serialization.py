@@ -15,7 +15,7 @@ from mindstage.bridge.encodings import serialize
 from mindstage.errors import MessageValidationError
 from mindstage.msgs import RosVersion, geometry_msgs, message_type, message_types, std_msgs, type_name
 from mindstage.msgs import builtin_interfaces as builtin
-from mindstage.msgs.base import fields_of, struct_of
+from mindstage.msgs.schema.base import fields_of, struct_of
 
 BOUNDS = {"int8": 8, "int16": 16, "int32": 32, "int64": 64, "uint8": 8, "uint16": 16, "uint32": 32, "uint64": 63}
 

@@ -15,8 +15,8 @@ from websockets.sync.client import connect as open_websocket
 
 from mindstage.access.certificates import TlsCertificate, client_tls_context
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
-from mindstage.engines import connect as connect_engine
 from mindstage.engines import make_engine
+from mindstage.engines.remote import connect as connect_engine
 from mindstage.engines.remote.client import RemoteUrl
 from mindstage.errors import AuthenticationError, CertificateError, ConnectionLostError, EngineUnavailableError
 from mindstage.knowledge import KnowledgeBase

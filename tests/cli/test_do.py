@@ -10,13 +10,13 @@ import pytest
 
 from mindstage.access.policies import Access
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Episode
 from mindstage.knowledge import KnowledgeBase
 from mindstage.registry import Group, added
 from mindstage.robots import add_robot
-from mindstage.robots.skills.declaration import ThingName, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation
 from tests.cli.runner import Run, WriteMap, json_output

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import connect
+from mindstage.engines.remote import connect
 from mindstage.maps.io.files import BUNDLED_KITCHEN
 from tests.cli.runner import Run, WriteMap, json_output
 

@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from typing import Any
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import Engine, MujocoEngine
+from mindstage.engines import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface
 from mindstage.simulation import Simulation

@@ -9,8 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from mindstage.engines import ActuatorMode, ActuatorState, MujocoEngine, SpawnNoteKind
+from mindstage.engines import ActuatorMode, ActuatorState, SpawnNoteKind
 from mindstage.engines.edits import SetActuators
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.scene import BodyGeometry, BodyId, CollisionShapeType, Mobility, PrimitiveShape, PrimitiveType, World
 from mindstage.scene.edits import Delete, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia

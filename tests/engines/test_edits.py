@@ -9,7 +9,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.engines import Engine, MujocoEngine, NullEngine
+from mindstage.engines import Engine, NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import SimulationDivergedError, WorldError
 from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose, World, diff
 from mindstage.scene.edits import Attach, Delete, Detach, SetPhysics, SetPoses, Spawn

@@ -9,8 +9,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mindstage.engines import MujocoEngine
-from mindstage.engines.mujoco import world_to_mjcf
+from mindstage.engines.mujoco import MujocoEngine, world_to_mjcf
 from mindstage.errors import SimulationDivergedError
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Pose, World, diff
 from mindstage.scene.edits import Spawn

@@ -13,9 +13,10 @@ import pytest
 
 from mindstage.assets.cache import geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import GodotEngine, RemoteEngine, connect
-from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
+from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
+from mindstage.engines.remote.godot import GodotEngine
+from mindstage.engines.remote.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.errors import EngineUnavailableError, WorldError
 from mindstage.geometry import build_geometry, template_by_name
 from mindstage.scene import BodyGeometry, BodyId, CollisionShape, PbrMaterial, Pose, VisualMesh, diff

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mindstage.engines import GodotEngine
+from mindstage.engines.remote.godot import GodotEngine
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract
 from tests.engines.geometry_contract import GeometryContract

@@ -16,10 +16,10 @@ from pathlib import Path
 import pytest
 
 from mindstage.bridge import RosbridgeClient
-from mindstage.engines import GodotEngine
-from mindstage.engines import godot_process as program
-from mindstage.engines import godot_process as project
-from mindstage.engines.godot_process import GodotExecutable, find_godot
+from mindstage.engines.remote import godot_process as program
+from mindstage.engines.remote import godot_process as project
+from mindstage.engines.remote.godot import GodotEngine
+from mindstage.engines.remote.godot_process import GodotExecutable, find_godot
 from mindstage.errors import (
     AuthenticationError,
     BodyNotFoundError,
@@ -242,7 +242,7 @@ def test_other_clients_cannot_connect_to_its_bridge(engine: GodotEngine) -> None
 def test_no_godot_remains_when_python_is_killed(godot: Path) -> None:
     script = (
         "import os, signal\n"
-        "from mindstage.engines import GodotEngine\n"
+        "from mindstage.engines.remote.godot import GodotEngine\n"
         f"engine = GodotEngine({str(godot)!r})\n"
         "print(engine.pid, flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
@@ -254,7 +254,7 @@ def test_no_godot_remains_when_python_is_killed(godot: Path) -> None:
 
 def test_no_godot_remains_when_python_exits_without_closing(godot: Path) -> None:
     script = (
-        "from mindstage.engines import GodotEngine\n"
+        "from mindstage.engines.remote.godot import GodotEngine\n"
         f"engine = GodotEngine({str(godot)!r})\n"
         "print(engine.pid, flush=True)\n"
     )

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mindstage.engines import Engine, GodotEngine, MujocoEngine, SpawnReport
+from mindstage.engines import Engine, SpawnReport
+from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.remote.godot import GodotEngine
 from mindstage.geometry import fit_geometry
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen

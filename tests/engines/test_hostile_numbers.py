@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mindstage.engines import MujocoEngine, NullEngine, SpawnNoteKind
+from mindstage.engines import NullEngine, SpawnNoteKind
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShape, Joint, Pose, SoftLimit
 from mindstage.scene.edits import SetPoses, Spawn

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
+from mindstage.engines import SpawnNoteKind, SpawnReport
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.geometry.fit import fit_geometry
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen

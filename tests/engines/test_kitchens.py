@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, SpawnNoteKind
+from mindstage.engines import SpawnNoteKind
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import AxisMotion, BodyId, Joint, World

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from mindstage.engines import MujocoEngine, SpawnNoteKind
+from mindstage.engines import SpawnNoteKind
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import SimulationDivergedError
 from mindstage.scene import (
     AngularLimits,

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import Capability, MujocoEngine, NullEngine, RemoteEngine, connect
-from mindstage.engines.remote import RemoteProfile, RemoteUrl
+from mindstage.engines import Capability, NullEngine
+from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.remote import RemoteEngine, RemoteProfile, RemoteUrl, connect
 from mindstage.errors import (
     BodyNotFoundError,
     EngineUnavailableError,

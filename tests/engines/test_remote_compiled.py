@@ -9,7 +9,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, RemoteEngine, connect
+from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.errors import EngineUnavailableError
 from mindstage.msgs import mindstage_msgs as wire

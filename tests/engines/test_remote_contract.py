@@ -7,7 +7,8 @@ from contextlib import closing
 
 import pytest
 
-from mindstage.engines import RemoteEngine, SpawnNoteKind, connect
+from mindstage.engines import SpawnNoteKind
+from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.scene import BodyId
 from mindstage.scene.edits import Spawn
 from tests.engines.actuator_contract import ActuatorContract

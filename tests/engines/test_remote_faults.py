@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from mindstage.engines import Engine, NullEngine, RemoteEngine, connect
+from mindstage.engines import Engine, NullEngine
+from mindstage.engines.remote import RemoteEngine, connect
 from mindstage.engines.remote.client import ServiceClient
 from mindstage.errors import (
     EngineClosedError,

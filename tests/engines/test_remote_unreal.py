@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
-from mindstage.engines import SpawnNoteKind, connect
-from mindstage.engines.remote import RemoteProfile
+from mindstage.engines import SpawnNoteKind
+from mindstage.engines.remote import RemoteProfile, connect
 from mindstage.engines.remote.client import ServiceClient
 from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import (

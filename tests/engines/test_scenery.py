@@ -5,8 +5,8 @@ from __future__ import annotations
 import mujoco
 import pytest
 
-from mindstage.engines import MujocoEngine
 from mindstage.engines.kinematic_tree import movable_axes
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco.compiler import cull_static_contacts
 from mindstage.engines.mujoco.engine import ModelCache
 from mindstage.scene import BodyId, Pose, World

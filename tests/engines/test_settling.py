@@ -7,9 +7,10 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
+from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.collision_filter import TOUCH_TOLERANCE_M
 from mindstage.engines.environment_bounds import find_ground_height, find_unsupported
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.scene import Body, BodyId, CollisionShapeType, GeometryMap, World
 from mindstage.scene.bounding_boxes import OrientedBoxes, penetration_depths

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines import MujocoEngine
 from mindstage.engines.base import Contact
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import (
     DetectionThresholds,
     EpisodeEvent,

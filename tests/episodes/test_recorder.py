@@ -205,7 +205,7 @@ def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulati
     ]
     moved, _, question, _ = edits
     assert (moved.time_s, moved.ids) == (at, (mug,))
-    assert moved.details["pose"]["position"] == [0.0, 0.0, 0.05]
+    assert moved.edits(()) == (SetPoses({mug: Pose((0.0, 0.0, 0.05))}),)
     assert question.details["question"] == "where_is"
     assert len(question.details["answers"]) == question.details["count"] == len(answers) > 0
     assert question.time_s == episode_end(tmp_path / "run.mcap")

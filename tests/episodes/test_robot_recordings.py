@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Recorder
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recording import EpisodeEventKind

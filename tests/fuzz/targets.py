@@ -511,8 +511,8 @@ class RemoteReplies(FuzzTarget):
             yield json.dumps(op).encode()
 
     def process(self, data: bytes) -> None:
-        from mindstage.msgs.base import decode
         from mindstage.msgs.message_registry import message_types
+        from mindstage.msgs.schema.base import decode
 
         with suppress(MindstageError):
             self._decoder.decode(data.decode("utf-8", "replace"), 0.0)

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mindstage.engines import Engine, MujocoEngine, SpawnNoteKind
+from mindstage.engines import Engine, SpawnNoteKind
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import (
     AxisMotion,

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from mindstage.engines.godot_process import isolated_environment
+from mindstage.engines.remote.godot_process import isolated_environment
 
 PROJECT = Path(__file__).resolve().parents[2] / "godot"
 IMPORT_TIMEOUT_S = 180.0

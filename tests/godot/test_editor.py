@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import RemoteEngine, connect
-from mindstage.engines.godot_process import isolated_environment
+from mindstage.engines.remote import RemoteEngine, connect
+from mindstage.engines.remote.godot_process import isolated_environment
 from mindstage.errors import UnsupportedByEngineError
 from mindstage.scene import BodyId, diff
 from mindstage.scene.edits import Delete, Spawn

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import GodotEngine
+from mindstage.engines.remote.godot import GodotEngine
 from mindstage.scene import AngularLimits, AxisMotion, BodyId, Iri, Joint, LinearLimits, Pose
 from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import quat_angle

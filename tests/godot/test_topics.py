@@ -13,8 +13,8 @@ import pytest
 
 from mindstage.assets.cache import geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import RemoteEngine, connect
-from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
+from mindstage.engines.remote import RemoteEngine, connect
+from mindstage.engines.remote.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.scene import BodyId, BodyPhysics, Mobility, Pose
 from mindstage.scene.edits import SetPhysics, SetPoses, Spawn
 from tests.engines.scenes import FLOOR, body, world

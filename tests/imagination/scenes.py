@@ -6,7 +6,8 @@ from math import cos, sin
 
 import numpy as np
 
-from mindstage.engines import Engine, MujocoEngine
+from mindstage.engines import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Attachment, Body, BodyId, GeometryMap, Joint
 from mindstage.simulation import Simulation

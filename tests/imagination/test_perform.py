@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PlanError
 from mindstage.imagination import (
     EventKind,
@@ -26,8 +26,8 @@ from mindstage.imagination import (
 from mindstage.knowledge import KnowledgeBase
 from mindstage.registry import Group, added
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots.skills.declaration import ThingName, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Attach, Detach, SetPoses
 from mindstage.simulation import Simulation, SimulationImage

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from mindstage.engines import Capability, MujocoEngine, NullEngine
+from mindstage.engines import Capability, NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, PlanError
 from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_from_text
 from mindstage.knowledge import KnowledgeBase

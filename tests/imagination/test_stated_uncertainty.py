@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.imagination import Outcome, Plan, Push, Uncertainty, Wait, evaluate_plan
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
 from mindstage.knowledge import KnowledgeBase

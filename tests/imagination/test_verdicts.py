@@ -34,7 +34,7 @@ from mindstage.imagination import (
     wilson_interval,
 )
 from mindstage.imagination.executors import lost_sample
-from mindstage.robots.skills.declaration import SkillOutcome, SkillResult, SkillState
+from mindstage.robots.skill_declaration import SkillOutcome, SkillResult, SkillState
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.simulation import Simulation, SimulationImage
 from tests.engines.scenes import body

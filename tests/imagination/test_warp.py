@@ -12,8 +12,8 @@ from math import acos, atan, cos, pi, sin
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine
 from mindstage.engines.base import DynamicsScale
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import ImaginationError, PlanError
 from mindstage.imagination import (
     Attach,

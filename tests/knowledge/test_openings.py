@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import JointOpenness, OpenState, openings
 from mindstage.knowledge.questions import StateAccess, WorldState

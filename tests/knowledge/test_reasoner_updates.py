@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 
 from mindstage.knowledge.names import EntityType, NameIndex
 from mindstage.knowledge.reasoner import Reasoner
-from mindstage.knowledge.reasoner_properties import node_from_label
 from mindstage.knowledge.store_index import IndexFile
-from mindstage.rdf.graphs import local_name
+from mindstage.rdf.graphs import local_name, node_from_label
 from mindstage.scene import Iri
 from tests.maps.small_maps import OWL, RDFS, knowrob_iri
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import (

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import answers_to_builtins, cell_text, handle_of, where_is

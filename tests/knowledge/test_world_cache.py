@@ -12,7 +12,7 @@ import pytest
 from mindstage.knowledge import KnowledgeBase, world_cache
 from mindstage.knowledge.world_cache import WorldCache, WorldReading
 from mindstage.maps import bundled_kitchen
-from mindstage.maps.dialects import dialect_registry
+from mindstage.maps.dialects import detection
 from mindstage.maps.dialects.conventions import Handedness, LengthUnit, UnitConventions
 from mindstage.rdf.graphs import Finding, Severity
 from mindstage.scene import Body, BodyId, Iri, Pose, World
@@ -49,13 +49,13 @@ def folder(tmp_path: Path) -> Path:
 def reads(monkeypatch: pytest.MonkeyPatch) -> list[Iri]:
     """The maps that were read, and not taken from the cache."""
     done: list[Iri] = []
-    read = dialect_registry.read_world
+    read = detection.read_world
 
-    def counting(source_map: dialect_registry.SourceMap) -> World:
+    def counting(source_map: detection.SourceMap) -> World:
         done.append(source_map.map)
         return read(source_map)
 
-    monkeypatch.setattr(dialect_registry, "read_world", counting)
+    monkeypatch.setattr(detection, "read_world", counting)
     return done
 
 

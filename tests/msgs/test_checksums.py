@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from mindstage.msgs import RosVersion, message_type, service_type
-from mindstage.msgs.base import constants_of, fields_of, struct_of, type_name
+from mindstage.msgs.schema.base import constants_of, fields_of, struct_of, type_name
 
 # As `rosmsg md5` and `rossrv md5` print them in ROS Noetic.
 CHECKSUMS = {

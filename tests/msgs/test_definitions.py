@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mindstage.msgs import action_type, message_type, service_type
-from mindstage.msgs.base import constants_of, fields_of, struct_of
+from mindstage.msgs.schema.base import constants_of, fields_of, struct_of
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 DEFINITIONS = ROOT / "src" / "mindstage" / "msgs" / "definitions"

@@ -39,7 +39,7 @@ from mindstage.msgs import (
     visualization_msgs,
     world_control_msgs,
 )
-from mindstage.msgs.base import FieldInfo, fields_of, struct_of
+from mindstage.msgs.schema.base import FieldInfo, fields_of, struct_of
 
 EVERY_TYPE = [*message_types().values(), *chain(*service_types().values()), *chain(*action_types().values())]
 

@@ -22,7 +22,7 @@ from mindstage.msgs import (
     unreal_vis_msgs,
     world_control_msgs,
 )
-from mindstage.msgs.base import Action, Message, Service, fields_of, struct_of
+from mindstage.msgs.schema.base import Action, Message, Service, fields_of, struct_of
 from tests.conftest import ROOT, missing
 
 ROS_PYTHON = "/usr/bin/python3"

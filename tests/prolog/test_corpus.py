@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import write_map
 from mindstage.prolog import PrologConsole

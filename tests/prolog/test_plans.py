@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, PrologGoalError
 from mindstage.imagination import Close, Move, Open, Place, Plan, Push, Wait
 from mindstage.knowledge import KnowledgeBase

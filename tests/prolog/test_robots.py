@@ -6,7 +6,7 @@ from collections.abc import Generator, Iterator
 
 import pytest
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, PrologGoalError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.prolog import PrologConsole
@@ -14,8 +14,8 @@ from mindstage.prolog.plan_predicates import skill_from_term
 from mindstage.prolog.swipl import Atom, Compound
 from mindstage.registry import Group, added
 from mindstage.robots import find_robot
-from mindstage.robots.skills.declaration import ThingName, skill
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_declaration import ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 

@@ -11,9 +11,9 @@ from mindstage.engines.base import Contact, Engine
 from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot
+from mindstage.robots.models.robot_model import RobotModel
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.robots.robot_model import RobotModel
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation.simulation import Simulation
 

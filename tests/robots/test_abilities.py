@@ -17,7 +17,7 @@ from mindstage.knowledge.questions import StateAccess, get_question
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.abilities import AbilityRow, profile_of_model
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot_model import (
+from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     Gripper,
@@ -32,8 +32,8 @@ from mindstage.robots.robot_model import (
     SensorType,
 )
 from mindstage.robots.self_models import add_self_model, component_class, read_self_model
+from mindstage.robots.skill_declaration import SkillNeed
 from mindstage.robots.skills import skill_specs
-from mindstage.robots.skills.declaration import SkillNeed
 from mindstage.scene import IDENTITY
 
 SELF_MODEL = """<?xml version="1.0"?>

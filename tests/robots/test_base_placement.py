@@ -12,10 +12,10 @@ from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.base_placement import find_base_placements, reachable_region
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.navigation import plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.robots.robot_model import BaseType
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, quat_angle
 from tests.robots.rooms import box, robot_in

@@ -13,8 +13,8 @@ from mindstage.engines import NullEngine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
-from mindstage.robots.designators import ACTION_TYPES, DesignatedSkill, read_designator
 from mindstage.robots.skills import skill_specs
+from mindstage.robots.skills.designators import ACTION_TYPES, DesignatedSkill, read_designator
 from mindstage.simulation import Simulation
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mindstage.engines import GodotEngine
+from mindstage.engines.remote.godot import GodotEngine
 from mindstage.errors import CommandRefusedError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import RobotModel
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.robot_model import RobotModel
 from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.grasps import (
     Grasp,

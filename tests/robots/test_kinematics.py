@@ -10,8 +10,7 @@ import pytest
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
 from mindstage.robots import planning, robot_kinematics
-from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.robot_model import (
+from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     RobotBase,
@@ -21,6 +20,7 @@ from mindstage.robots.robot_model import (
     RobotMimic,
     RobotModel,
 )
+from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.scene import Pose
 from mindstage.scene.transforms import normalized_pose_array, pose_array
 

@@ -10,9 +10,9 @@ from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import BaseType, RobotModel
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.robot import Robot
-from mindstage.robots.robot_model import BaseType, RobotModel
 from mindstage.scene import Body, BodyId, Mobility
 from tests.robots.rooms import box, contacts_with, reaching, robot_in
 

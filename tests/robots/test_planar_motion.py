@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from mindstage.robots.base_motion import differential_path, rotated, wrapped
 from mindstage.robots.drives import BaseDrive, planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.robot_model import BaseType
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import normalized_pose_array
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import question_names
 from mindstage.maps import bundled_kitchen

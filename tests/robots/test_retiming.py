@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
-from mindstage.robots.robot_model import RobotJoint, RobotJointType
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene.transforms import Array
 

@@ -13,14 +13,15 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.bridge.calls import ServerGoalHandle
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import BaseType, RobotModel
 from mindstage.robots.robot import Robot
-from mindstage.robots.robot_model import BaseType, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.ros.robot_controllers import await_motion
 from mindstage.ros.service import GoalCanceledError, GoalContext

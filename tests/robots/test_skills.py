@@ -16,6 +16,8 @@ from mindstage.errors import InvalidArgumentError, SkillFailedError, Unreachable
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
+from mindstage.robots.skill_declaration import SkillMotion
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills import (
     FrontWay,
     ParameterType,
@@ -30,13 +32,11 @@ from mindstage.robots.skills import (
     start_skill,
 )
 from mindstage.robots.skills.arm_paths import interpolated_poses
-from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.front_access import find_front_motion
 from mindstage.robots.skills.manipulator import hands_of
 from mindstage.robots.skills.path_placement import PathPlacementRequest
-from mindstage.robots.skills.surroundings import Opening, Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Opening, Surroundings
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import pose_from_array, pose_inverse, pose_multiply, quat_rotate

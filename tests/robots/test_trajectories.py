@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from mindstage.errors import CommandRefusedError
-from mindstage.robots.robot_model import RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.robots.trajectories import JointSpline, JointTrajectory, TrajectoryPoint, point_to_point, spline_of
 
 LIFT = RobotJoint(

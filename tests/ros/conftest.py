@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient, RosbridgeServer
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.msgs import RosVersion

@@ -10,8 +10,9 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
 from mindstage.engines.base import Applied
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco import engine as mujoco_engine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from mindstage.bridge import LocalNode, RosbridgeClient
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import EngineError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion, decode, encode, message_type

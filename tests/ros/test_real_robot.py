@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import RosbridgeClient
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion
 from mindstage.robots import add_robot

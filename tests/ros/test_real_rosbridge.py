@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from mindstage.bridge import GoalStatus, RosbridgeClient
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import AdvertiseError, BridgeError, ServiceCallError, ServiceNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import RosVersion

@@ -12,13 +12,13 @@ import pytest
 import roslibpy.ros1.actionlib as actionlib
 
 from mindstage.bridge import LocalNode, RosbridgeServer
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.sources import RosPackagePath
 from mindstage.maps.urdf.parse import read_urdf
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots import edits as robot_module
-from mindstage.robots.forward_kinematics import link_poses as model_poses
+from mindstage.robots.models.forward_kinematics import link_poses as model_poses
 from mindstage.robots.models.reading import load_model
 from mindstage.ros import RosInterface, RosVersion
 from mindstage.ros.robot_controllers import controllers_of
@@ -211,8 +211,8 @@ def test_a_client_that_asks_for_robots_gets_robots_only(
     playing: Simulation, node_and_server: tuple[LocalNode, RosbridgeServer]
 ) -> None:
     node, server = node_and_server
-    playing.add_robot("mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
-    playing.add_robot("mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, 0.8, 0.0)), name="one")
+    add_robot(playing, "mobile_manipulator", Pose((-0.3, -0.8, 0.0)), name="two")
     with RosInterface(playing, node):
         client = RobotClient(server.port)
         categories = {"object": 0, "robot": 1, "human": 2}  # the numbers of all releases of simulation_interfaces
@@ -224,7 +224,7 @@ def test_a_client_that_asks_for_robots_gets_robots_only(
             )["entities"]
             for name, number in categories.items()
         }
-        assert found["robot"] == [playing.robot(name).link_ids["base_footprint"] for name in ("one", "two")]
+        assert found["robot"] == [find_robot(playing, name).link_ids["base_footprint"] for name in ("one", "two")]
         assert {"DrawerHandle", "FridgeHandle"} <= set(found["object"])
         assert found["human"] == []
         info = client.call("/unreal/get_entity_info", "simulation_interfaces/GetEntityInfo", entity=found["robot"][0])

@@ -17,7 +17,7 @@ from mindstage.engines import NullEngine
 from mindstage.errors import EngineClosedError, ServiceCallError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.msgs import encode, service_type
-from mindstage.msgs.base import fields_of
+from mindstage.msgs.schema.base import fields_of
 from mindstage.ros import RosInterface
 from mindstage.scene import World
 from mindstage.simulation import Simulation

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from mindstage.engines import MujocoEngine
 from mindstage.engines.base import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterator
 import mujoco
 import pytest
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
 from mindstage.engines.base import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import (
     InvalidArgumentError,
     SimulationFaultError,

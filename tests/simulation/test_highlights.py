@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidColorError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import WorldState

@@ -13,8 +13,10 @@ import pytest
 from msgspec.structs import replace
 
 import mindstage as ms
-from mindstage.engines import Capability, Engine, GodotEngine, MujocoEngine, NullEngine
+from mindstage.engines import Capability, Engine, NullEngine
 from mindstage.engines.base import Applied
+from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.remote.godot import GodotEngine
 from mindstage.errors import BodyNotFoundError, CommitError, ImaginationError, SimulationError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen

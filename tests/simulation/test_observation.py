@@ -9,7 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.engines import Engine, MujocoEngine
+from mindstage.engines import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import SimulationFaultError
 from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose
 from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetLabel, SetMaterials, SetPhysics, SetPoses

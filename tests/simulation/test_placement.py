@@ -11,7 +11,7 @@ import trimesh
 from msgspec.structs import replace
 
 from mindstage.assets import MeshLibrary
-from mindstage.engines import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen

@@ -10,8 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from mindstage.engines import MujocoEngine, NullEngine
+from mindstage.engines import NullEngine
 from mindstage.engines.base import Engine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, BodyPhysics, Mobility

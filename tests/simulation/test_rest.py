@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from mindstage.api import load_knowledge
-from mindstage.engines import MujocoEngine, SpawnNoteKind, SpawnReport
+from mindstage.engines import SpawnNoteKind, SpawnReport
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation

@@ -9,7 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from mindstage.engines import MujocoEngine, NullEngine, PoseArray
+from mindstage.engines import NullEngine, PoseArray
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, SimulationError, SimulationTimeoutError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Pose, diff

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines import Engine, MujocoEngine, NullEngine
+from mindstage.engines import Engine, NullEngine
+from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import (
     AttachmentError,
     BodyExistsError,

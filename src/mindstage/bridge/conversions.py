@@ -41,7 +41,7 @@ from mindstage.errors import (
     WorldError,
 )
 from mindstage.msgs import geometry_msgs, mindstage_msgs, std_msgs, world_control_msgs
-from mindstage.msgs.base import to_python_number, validation_error_details
+from mindstage.msgs.schema.base import to_python_number, validation_error_details
 from mindstage.scene import (
     IDENTITY,
     AngularLimits,

@@ -31,7 +31,7 @@ import msgspec
 
 from mindstage.errors import MessageValidationError
 from mindstage.msgs import Message, RosVersion, type_name
-from mindstage.msgs.base import fields_of, struct_of
+from mindstage.msgs.schema.base import fields_of, struct_of
 
 __all__ = [
     "json_depth",

@@ -31,9 +31,9 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
     from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
+    from mindstage.robots.models.robot_model import RobotModel
     from mindstage.robots.robot import Robot
-    from mindstage.robots.robot_model import RobotModel
-    from mindstage.robots.skills.declaration import SkillStep
+    from mindstage.robots.skill_declaration import SkillStep
     from mindstage.simulation import Simulation
 
 __all__ = ["do"]
@@ -314,7 +314,7 @@ def _commands(text: str, *, deadline_s: float) -> list[Perform]:
     """The skills with their arguments, separated by semicolons."""
     from mindstage.errors import InvalidArgumentError, suggestion
     from mindstage.imagination import Perform
-    from mindstage.robots.skills.declaration import skill_specs, split_command
+    from mindstage.robots.skill_declaration import skill_specs, split_command
 
     known, steps = skill_specs(), list[Perform]()
     for part in filter(None, map(str.strip, text.split(";"))):
@@ -328,7 +328,7 @@ def _commands(text: str, *, deadline_s: float) -> list[Perform]:
 
 def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tuple[Plan, list[str]]:
     from mindstage.imagination import Perform, Plan
-    from mindstage.robots.designators import read_designator
+    from mindstage.robots.skills.designators import read_designator
 
     found = read_designator(value, simulation)
     words = " ".join([found.skill, *(f"{name}={each}" for name, each in found.args.items())])

@@ -286,7 +286,7 @@ class _Shooting:
             InvalidArgumentError: it has none of that name.
         """
         from mindstage.robots import find_robot
-        from mindstage.robots.robot_model import SensorType
+        from mindstage.robots.models.robot_model import SensorType
 
         robot = find_robot(self._simulation, self._robot or "")
         kinds = (SensorType.CAMERA, SensorType.DEPTH_CAMERA)

@@ -214,6 +214,8 @@ def knowledge_with_episodes(
 
 
 def _open_episodes(files: Sequence[str]) -> list[EpisodeHistory]:
+    if not files:
+        return []
     from mindstage.episodes.history import open_episode
 
     opened = [open_episode(file) for file in files]

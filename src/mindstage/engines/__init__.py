@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
 from operator import attrgetter
-from typing import TYPE_CHECKING
 
 from mindstage.access.limits import Timeout
 from mindstage.engines.base import (
@@ -33,12 +31,6 @@ from mindstage.errors import EngineUnavailableError, ExtensionError
 from mindstage.ranges import checked
 from mindstage.registry import Group, catalog, extensions
 
-if TYPE_CHECKING:
-    from mindstage.engines.godot import GodotEngine
-    from mindstage.engines.mujoco.engine import MujocoEngine
-    from mindstage.engines.remote import connect
-    from mindstage.engines.remote.engine import RemoteEngine
-
 __all__ = [
     "Actuator",
     "ActuatorMode",
@@ -51,38 +43,21 @@ __all__ = [
     "EngineFactory",
     "EngineSettings",
     "EngineStats",
-    "GodotEngine",
     "MovedBody",
-    "MujocoEngine",
     "NullEngine",
     "PoseArray",
-    "RemoteEngine",
     "SavedState",
     "SpawnFailure",
     "SpawnNote",
     "SpawnNoteKind",
     "SpawnReport",
-    "connect",
     "is_remote",
     "make_engine",
 ]
 
-__dir__ = __all__.copy
+__dir__ = [*__all__, "edits"].copy
 
 _REMOTE_SCHEMES = ("ros://", "ros+tls://")
-
-
-def __getattr__(name: str) -> object:
-    # Engines are imported on first use, since their libraries take long to load.
-    if name == "MujocoEngine":
-        return import_module("mindstage.engines.mujoco").MujocoEngine
-    if name == "GodotEngine":
-        return import_module("mindstage.engines.godot").GodotEngine
-    if name == "RemoteEngine":
-        return import_module("mindstage.engines.remote.engine").RemoteEngine
-    if name == "connect":
-        return import_module("mindstage.engines.remote").connect
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 @checked

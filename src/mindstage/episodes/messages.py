@@ -534,4 +534,6 @@ class EpisodeDecoder:
 
 def _plain_value(value: object) -> object:
     """A value that JSON does not have, such as a number of NumPy that a program passed, as one that it has."""
+    if hasattr(value, "to_edit_json"):
+        return value.to_edit_json()
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else str(value)

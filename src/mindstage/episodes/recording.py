@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from mindstage.engines.base import Contact, PoseArray
 from mindstage.errors import EpisodeError, EpisodeTimeError
 from mindstage.ranges import Time, checked
-from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, World
+from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, World
+from mindstage.scene.edits import Edit, edit_from_json
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, quat_angle
 
 __all__ = [
@@ -171,7 +172,19 @@ class EpisodeEdit(msgspec.Struct, frozen=True, kw_only=True):
     ids: tuple[BodyId, ...] = ()
     """The bodies that it is about."""
     details: Mapping[str, Any] = {}
-    """Arguments and results, as JSON values."""
+    """Arguments and results, as JSON values; `edit` is an `Edit` of the world, and `edits` are several."""
+
+    def edits(self, geometry: Iterable[BodyGeometry]) -> tuple[Edit, ...]:
+        """The edits of the world that it consists of, to make them again.
+
+        Args:
+            geometry: the geometries of the recording.
+
+        Raises:
+            InvalidArgumentError: one is not known here, or its geometry is missing.
+        """
+        found = (*((self.details["edit"],) if "edit" in self.details else ()), *self.details.get("edits", ()))
+        return tuple(each if isinstance(each, Edit) else edit_from_json(each, geometry=geometry) for each in found)
 
 
 @runtime_checkable

@@ -29,7 +29,7 @@ from mindstage.imagination.plans import Check, Uncertainty
 from mindstage.imagination.results import Outcome, SampleResult
 from mindstage.imagination.verdicts import Progress, Verdict, evaluate_plan
 from mindstage.ranges import Fraction, Seed, Workers, checked
-from mindstage.robots.skills.declaration import SkillStep
+from mindstage.robots.skill_declaration import SkillStep
 from mindstage.scene import BodyId
 from mindstage.simulation import Simulation
 

@@ -51,7 +51,7 @@ from mindstage.ranges import Index, Seed, checked
 from mindstage.rdf.graphs import local_name
 from mindstage.robots import find_robot
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
+from mindstage.robots.skill_declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector, as_pose
 from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses
 from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
@@ -514,7 +514,7 @@ class _Sample:
             self.watch.set_reference([joint.body])
 
     def _perform(self, step: Perform) -> _SimulatedTime:
-        from mindstage.robots.skills.performance import start_skill  # takes a second, and few plans have skills
+        from mindstage.robots.skill_performance import start_skill  # takes a second, and few plans have skills
 
         if not isinstance(self.simulation, Simulation):
             raise _StepFailedError(self._event(EventKind.REFUSED, "perform: there are no robots in this world"))
@@ -786,7 +786,7 @@ class _Validator:
                 self._check_skill(path, step)
 
     def _check_skill(self, path: str, step: Perform) -> None:
-        from mindstage.robots.skills.declaration import skill_specs  # few plans have skills
+        from mindstage.robots.skill_declaration import skill_specs  # few plans have skills
 
         known = skill_specs()
         spec = known.get(step.skill)

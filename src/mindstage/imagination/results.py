@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import msgspec
 
-from mindstage.robots.skills.declaration import SkillResult
+from mindstage.robots.skill_declaration import SkillResult
 from mindstage.scene import BodyId, Pose
 
 __all__ = ["EventKind", "ImaginedEvent", "Outcome", "SampleResult"]

@@ -21,4 +21,4 @@ _MODULES = {
 }
 
 
-__getattr__, __dir__ = lazy_names(__name__, _MODULES, packages=["queries"])
+__getattr__, __dir__ = lazy_names(__name__, _MODULES)

@@ -29,18 +29,6 @@ from mindstage.msgs._generated import (
     visualization_msgs,
     world_control_msgs,
 )
-from mindstage.msgs.base import (
-    Action,
-    Message,
-    RosVersion,
-    Service,
-    decode,
-    decode_arguments,
-    encode,
-    engine_service,
-    snake_case,
-    type_name,
-)
 from mindstage.msgs.message_registry import (
     ActionFeedback,
     ActionGoal,
@@ -55,6 +43,18 @@ from mindstage.msgs.message_registry import (
     service_type,
     service_types,
     type_definitions,
+)
+from mindstage.msgs.schema.base import (
+    Action,
+    Message,
+    RosVersion,
+    Service,
+    decode,
+    decode_arguments,
+    encode,
+    engine_service,
+    snake_case,
+    type_name,
 )
 
 __all__ = [

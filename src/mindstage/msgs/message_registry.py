@@ -13,7 +13,7 @@ from mindstage.msgs._generated.actionlib_msgs import GoalID, GoalStatus
 from mindstage.msgs._generated.builtin_interfaces import Duration, Time
 from mindstage.msgs._generated.rosapi import TypeDef
 from mindstage.msgs._generated.std_msgs import Header
-from mindstage.msgs.base import (
+from mindstage.msgs.schema.base import (
     Action,
     FieldInfo,
     Message,

@@ -14,7 +14,7 @@ from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.imagination.verdicts import evaluate_plan
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import Atom, Compound, Value
-from mindstage.robots.skills.declaration import SkillSpec, skill_specs
+from mindstage.robots.skill_declaration import SkillSpec, skill_specs
 from mindstage.simulation import Simulation
 
 __all__ = ["PlanPredicates", "check_from_term", "plan_from_term", "skill_from_term", "trial_options"]

@@ -13,7 +13,7 @@ from mindstage.imagination.results import SampleResult
 from mindstage.prolog.plan_predicates import skill_from_term, trial_options
 from mindstage.prolog.predicates import Handler
 from mindstage.prolog.swipl import Atom, Compound, Value
-from mindstage.robots.designators import read_designator
+from mindstage.robots.skills.designators import read_designator
 from mindstage.robots.standing import add_standing_robot
 from mindstage.simulation import Simulation
 

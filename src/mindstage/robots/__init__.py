@@ -12,11 +12,11 @@ from mindstage.lazy_names import lazy_names
 if TYPE_CHECKING:
     from mindstage.robots.base_placement import BasePlacement, find_base_placements
     from mindstage.robots.edits import AddRobot, RemoveRobot, add_robot
+    from mindstage.robots.models.robot_model import RobotModel
     from mindstage.robots.navigation import plan_base
     from mindstage.robots.planning import plan_arm, plan_line, plan_path
     from mindstage.robots.robot import JointState, Odometry, Robot
     from mindstage.robots.robot_kinematics import IkResult, RobotKinematics
-    from mindstage.robots.robot_model import RobotModel
     from mindstage.robots.self_models import add_self_model, read_self_model
     from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 
@@ -49,13 +49,19 @@ _NAMES_BY_MODULE = {
     "base_placement": ("BasePlacement", "find_base_placements"),
     "edits": ("AddRobot", "RemoveRobot", "add_robot"),
     "robot_kinematics": ("IkResult", "RobotKinematics"),
-    "robot_model": ("RobotModel",),
+    "models.robot_model": ("RobotModel",),
     "navigation": ("plan_base",),
     "planning": ("plan_arm", "plan_line", "plan_path"),
     "robot": ("JointState", "Odometry", "Robot"),
     "self_models": ("add_self_model", "read_self_model"),
     "trajectories": ("JointTrajectory", "TrajectoryPoint"),
 }
+
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {name: f"{__name__}.{module}" for module, names in _NAMES_BY_MODULE.items() for name in names},
+    packages=["models"],
+)
 
 
 class HasRobots(Protocol):
@@ -84,10 +90,3 @@ def find_robot(simulation: HasRobots, name: str = "") -> "Robot":
         known = f"there is {', '.join(robots)}" if robots else "add one with `add_robot`"
         raise RobotNotFoundError(name, remedy=known if name or not robots else f"give a name: {known}")
     return robots[name]
-
-
-__getattr__, __dir__ = lazy_names(
-    __name__,
-    {name: f"{__name__}.{module}" for module, names in _NAMES_BY_MODULE.items() for name in names},
-    packages=["gym", "models", "skills"],
-)

@@ -32,7 +32,7 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import knowrob, ms
 from mindstage.robots.models.catalog import list_models
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot_model import BaseType, GripperType, RobotComponent, RobotModel, SensorType
+from mindstage.robots.models.robot_model import BaseType, GripperType, RobotComponent, RobotModel, SensorType
 from mindstage.robots.self_models import (
     ROBOT_CLASS,
     ClassRules,

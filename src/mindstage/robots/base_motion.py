@@ -24,7 +24,7 @@ from mindstage.robots.control import (
     named,
 )
 from mindstage.robots.drives import BaseDrive
-from mindstage.robots.robot_model import BaseType
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.scene.transforms import Array
 
 __all__ = ["DRIVE_TIMEOUT_S", "BaseBrake", "BaseGoal", "PathGoal", "VelocityGoal", "differential_path"]

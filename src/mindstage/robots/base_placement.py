@@ -17,10 +17,10 @@ import numpy as np
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.models.robot_model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.robot_model import Arm, BaseType
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply

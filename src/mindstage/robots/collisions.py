@@ -17,7 +17,7 @@ import numpy as np
 from mindstage.engines.base import Engine
 from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
 from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.robot_model import Gripper, RobotJoint, RobotModel
+from mindstage.robots.models.robot_model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId, PoseLike, Vector
 from mindstage.scene.edits import Spawn

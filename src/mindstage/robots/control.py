@@ -15,7 +15,7 @@ import numpy as np
 
 from mindstage.engines.base import ActuatorState, Capability, Engine
 from mindstage.robots.drives import BaseDrive, JointDrive, RobotDrives
-from mindstage.robots.robot_model import Gripper
+from mindstage.robots.models.robot_model import Gripper
 from mindstage.robots.trajectories import JointSpline
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array

@@ -24,7 +24,7 @@ from mindstage.robots.control import (
     MotionOutcome,
 )
 from mindstage.robots.drives import BaseDrive, JointDrive, RobotDrives
-from mindstage.robots.robot_model import BaseType
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene.edits import SetPoses
 

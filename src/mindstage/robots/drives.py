@@ -19,7 +19,7 @@ import numpy as np
 from mindstage.engines.base import Actuator, ActuatorMode, Engine
 from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import movable_axes
-from mindstage.robots.robot_model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.models.robot_model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import Body, BodyId, Joint, Pose
 from mindstage.scene.transforms import (

@@ -17,9 +17,9 @@ from mindstage.errors import RobotModelError, SpawnRefusedError
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import RobotLink, RobotModel
 from mindstage.robots.robot import Robot, RobotSession, contact_free_pairs
-from mindstage.robots.robot_model import RobotLink, RobotModel
-from mindstage.robots.skills.declaration import SkillResult, SkillStep
+from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyGeometry, BodyId, PoseLike, World
 from mindstage.scene.edits import Delete, Edit, GeometryEdit, Spawn
@@ -281,6 +281,6 @@ def _start_skill(
     on_step: Callable[[SkillStep], object] | None,
 ) -> Generator[float, None, SkillResult]:
     """See `start_skill`, whose module takes a second to import: when the first skill is performed."""
-    from mindstage.robots.skills.performance import start_skill
+    from mindstage.robots.skill_performance import start_skill
 
     return start_skill(robot, name, args, deadline_s=deadline_s, seed=seed, on_step=on_step)

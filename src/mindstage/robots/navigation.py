@@ -18,8 +18,8 @@ from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.robots.collisions import CollisionChecker, MotionRobot
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.planning import load_ompl, termination
-from mindstage.robots.robot_model import BaseType
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.bounding_boxes import Indices

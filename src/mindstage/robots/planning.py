@@ -18,9 +18,9 @@ import numpy as np
 from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply
+from mindstage.robots.models.robot_model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.robot_kinematics import IkResult, IkTolerance, RobotKinematics
-from mindstage.robots.robot_model import Arm, RobotJointType
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, PoseLike, as_pose

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.robots.robot_model import RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array
 

@@ -28,8 +28,8 @@ from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, See
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
-from mindstage.robots.robot_model import Gripper, RobotModel
-from mindstage.robots.skills.declaration import SkillResult, SkillStep
+from mindstage.robots.models.robot_model import Gripper, RobotModel
+from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId

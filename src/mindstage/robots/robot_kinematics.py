@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
-from mindstage.robots.robot_model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.models.robot_model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.scene import PoseLike
 from mindstage.scene.transforms import (
     Array,

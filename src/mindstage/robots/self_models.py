@@ -23,7 +23,15 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import knowrob
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
-from mindstage.robots.robot_model import Arm, BaseType, Gripper, ModelNote, RobotComponent, RobotJoint, RobotModel
+from mindstage.robots.models.robot_model import (
+    Arm,
+    BaseType,
+    Gripper,
+    ModelNote,
+    RobotComponent,
+    RobotJoint,
+    RobotModel,
+)
 from mindstage.scene import Iri, Literal
 
 __all__ = [

@@ -9,8 +9,8 @@ from mindstage.errors import CommandRefusedError
 from mindstage.ranges import Coordinate, checked
 from mindstage.robots.edits import add_robot
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import RobotModel
 from mindstage.robots.robot import Robot, RobotSession
-from mindstage.robots.robot_model import RobotModel
 from mindstage.scene import Pose
 from mindstage.scene.floor_plan import find_floor, free_floor_place
 from mindstage.scene.proximity import BodyBoxes

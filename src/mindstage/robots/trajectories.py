@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from mindstage.errors import CommandRefusedError
-from mindstage.robots.robot_model import RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.scene.transforms import Array
 
 __all__ = ["JointSpline", "JointTrajectory", "TrajectoryPoint", "point_to_point", "spline_of"]

@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 
 from mindstage.rdf.vocabulary import URDF_LINK
-from mindstage.robots.forward_kinematics import link_poses, rest_positions
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_geometry import hull_shape
 from mindstage.robots.models.link_tree import shape_points
-from mindstage.robots.robot_model import BaseType, RobotJoint, RobotJointType, RobotLink, RobotModel
+from mindstage.robots.models.robot_model import BaseType, RobotJoint, RobotJointType, RobotLink, RobotModel
 from mindstage.scene import (
     AngularLimits,
     Attachment,

@@ -26,8 +26,8 @@ from mindstage.msgs import (
 )
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionResult
 from mindstage.robots.drives import yaw_of
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.robot import Robot
-from mindstage.robots.robot_model import BaseType
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.endpoints import Endpoints
 from mindstage.ros.frames import ROOT_FRAME

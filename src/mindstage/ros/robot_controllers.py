@@ -25,9 +25,9 @@ from mindstage.errors import CommandRefusedError
 from mindstage.msgs import Message, RosVersion, builtin_interfaces, control_msgs, std_msgs, trajectory_msgs
 from mindstage.msgs import controller_manager_msgs as manager
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionOutcome, MotionResult
-from mindstage.robots.forward_kinematics import link_poses
+from mindstage.robots.models.forward_kinematics import link_poses
+from mindstage.robots.models.robot_model import RobotModel
 from mindstage.robots.robot import Robot
-from mindstage.robots.robot_model import RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.endpoints import Endpoints

@@ -21,7 +21,7 @@ from mindstage.errors import MindstageError
 from mindstage.msgs import RosVersion, std_msgs
 from mindstage.rdf.vocabulary import URDF_TEXT
 from mindstage.robots import robots_of
-from mindstage.robots.robot_model import RobotJoint, RobotModel
+from mindstage.robots.models.robot_model import RobotJoint, RobotModel
 from mindstage.ros.diagnostics import Publisher
 from mindstage.ros.frames import ROOT_FRAME, FrameTransforms, JointFrame
 from mindstage.ros.rosapi import ParameterServer

@@ -28,7 +28,7 @@ from mindstage.simulation import Simulation
 
 if TYPE_CHECKING:  # they are loaded with the first robot, and with the first skill
     from mindstage.robots.robot import Robot
-    from mindstage.robots.skills.declaration import SkillResult, SkillSpec, SkillStep
+    from mindstage.robots.skill_declaration import SkillResult, SkillSpec, SkillStep
 
 __all__ = ["ROBOT_SUFFIXES", "RobotSkills"]
 
@@ -83,7 +83,7 @@ class RobotSkills:
 
     def list_skills(self, _: wire.ListSkills.Request) -> wire.ListSkills.Response:
         """Returns the skills with their arguments, and the robots."""
-        from mindstage.robots.skills.declaration import skill_specs
+        from mindstage.robots.skill_declaration import skill_specs
 
         known = skill_specs()
         specs = [_spec(spec) for spec in known.values()]
@@ -127,7 +127,7 @@ class RobotSkills:
             GoalAbortedError: it was refused before it began, or did not succeed; with the result.
             GoalCanceledError: it was canceled, or another one replaced it.
         """
-        from mindstage.robots.skills.performance import start_skill
+        from mindstage.robots.skill_performance import start_skill
 
         name = (goal.skill or skill).replace("-", "_")
         steps: list[SkillStep] = []

@@ -51,7 +51,7 @@ from mindstage.msgs import (
     type_name,
     visualization_msgs,
 )
-from mindstage.msgs.base import fields_of, struct_of
+from mindstage.msgs.schema.base import fields_of, struct_of
 from mindstage.ranges import Component, Coordinate, Range, RotationQuaternion, declared_range
 from mindstage.ros.diagnostics import DiagnosticsPublisher
 from mindstage.simulation.observation import as_client

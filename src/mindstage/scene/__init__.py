@@ -111,4 +111,4 @@ __all__ = [
 _MODULES = ("world_model", "geometry", "blank_node_matching", "world_diff")
 """The modules of these names; those that most programs need first."""
 
-__getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in _MODULES])
+__getattr__, __dir__ = lazy_names(__name__, [f"{__name__}.{each}" for each in _MODULES], packages=["edits"])

@@ -98,13 +98,14 @@ class FileHandler:
         world = self._simulation.snapshot()
         format = file_format("", request.format, dialect=request.dialect)[1]
         name = f"{_safe_filename(world.name) or 'map'}{format.suffixes[0]}"
+        file = {"name": name, "type": format.media_type}
         if format.syntax is None:
             with TemporaryDirectory(prefix="mindstage-") as folder:
                 self._simulation.save(Path(folder, name), format=request.format)
-                return {"name": name, "base64": b64encode(Path(folder, name).read_bytes()).decode()}
+                return file | {"base64": b64encode(Path(folder, name).read_bytes()).decode()}
         source_view = self._source_view(world) if request.dialect is None else None
         dialect = request.dialect or MapDialect.SEMLOG
-        return {"name": name, "text": write_map(world, format=format.syntax, dialect=dialect, source_view=source_view)}
+        return file | {"text": write_map(world, format=format.syntax, dialect=dialect, source_view=source_view)}
 
     def _formats(self, _: ClientSession, __: EmptyRequest) -> list[dict[str, str]]:
         """The formats in which the world can be saved, besides semantic maps."""

@@ -29,11 +29,11 @@ from mindstage.ranges import Angle, Coordinate
 from mindstage.robots import find_robot, robots_of
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.models.catalog import list_models
+from mindstage.robots.models.robot_model import Arm, RobotJointType
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.robots.robot_model import Arm, RobotJointType
 from mindstage.robots.sensors import measure, sensor_names
-from mindstage.robots.skills.declaration import (
+from mindstage.robots.skill_declaration import (
     ParameterType,
     SkillParameter,
     SkillResult,
@@ -41,7 +41,7 @@ from mindstage.robots.skills.declaration import (
     SkillStep,
     skill_specs,
 )
-from mindstage.robots.skills.performance import start_skill
+from mindstage.robots.skill_performance import start_skill
 from mindstage.robots.standing import add_standing_robot
 from mindstage.scene import Vector
 from mindstage.scene.transforms import Array, normalize

@@ -7,7 +7,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot_model import RobotModel
+from mindstage.robots.models.robot_model import RobotModel
 
 EXAMPLES = Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots")))
 EXAMPLE_URDFS = sorted(EXAMPLES.rglob("*.urdf"))

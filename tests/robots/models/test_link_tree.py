@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from mindstage.robots.drives import finger_links_by_finger, links_moved_by
 from mindstage.robots.models.link_tree import LinkTree, shape_points, sorted_tree
-from mindstage.robots.robot_model import (
+from mindstage.robots.models.robot_model import (
     BaseType,
     Gripper,
     GripperType,

@@ -17,11 +17,11 @@ from mindstage.engines import NullEngine
 from mindstage.errors import RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot
-from mindstage.robots.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models import catalog
 from mindstage.robots.models.catalog import find_model, list_models
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot_model import BaseType, GripperType, RobotJointType, RobotModel
+from mindstage.robots.models.robot_model import BaseType, GripperType, RobotJointType, RobotModel
 from mindstage.robots.standing import add_standing_robot
 from mindstage.scene.transforms import quat_angle
 from mindstage.simulation import Simulation

@@ -8,8 +8,8 @@ import pytest
 
 from mindstage.errors import RobotModelError
 from mindstage.robots.models.reading import load_model
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.models.srdf import read_srdf
-from mindstage.robots.robot_model import BaseType
 
 TEXT = """
 <robot name="r">

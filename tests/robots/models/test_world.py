@@ -14,10 +14,10 @@ from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.robots import add_robot
 from mindstage.robots.control import MotionOutcome
 from mindstage.robots.drives import drives_of
-from mindstage.robots.forward_kinematics import link_poses, rest_positions
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_tree import shape_points
 from mindstage.robots.models.reading import load_model
-from mindstage.robots.robot_model import BaseType, RobotJointType, RobotModel
+from mindstage.robots.models.robot_model import BaseType, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import Mobility, Pose
 from mindstage.scene.collision_shapes import CollisionShapeBatch, compile_geometry

@@ -59,6 +59,7 @@ class WorldFormat:
     """In lower case, with the point."""
     title: str
     """For menus."""
+    media_type: str = "application/octet-stream"
     syntax: MapFormat | None = None
     """That of a semantic map, which is lossless and has a dialect; None for other formats."""
     write: Callable[[WrittenWorld], Iterable[str]] | None = None

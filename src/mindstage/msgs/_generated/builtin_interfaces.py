@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from mindstage.msgs import base
+from mindstage.msgs.schema import base
 
 __all__ = ["Duration", "Time"]
 

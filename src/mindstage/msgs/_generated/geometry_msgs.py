@@ -7,8 +7,8 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from mindstage.msgs import base
 from mindstage.msgs._generated import std_msgs
+from mindstage.msgs.schema import base
 
 __all__ = [
     "Accel",

@@ -5,8 +5,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from mindstage.msgs import base
 from mindstage.msgs._generated import builtin_interfaces, geometry_msgs
+from mindstage.msgs.schema import base
 
 __all__ = ["NavigateToPose"]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from mindstage.msgs import base
 from mindstage.msgs._generated import geometry_msgs, std_msgs
+from mindstage.msgs.schema import base
 
 __all__ = [
     "AvailableWorldsCode",

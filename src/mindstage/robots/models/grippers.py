@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mindstage.robots.forward_kinematics import rest_positions
+from mindstage.robots.models.forward_kinematics import rest_positions
 from mindstage.robots.models.link_tree import LinkTree
-from mindstage.robots.robot_model import Gripper, GripperType, ModelNote, RobotJoint
+from mindstage.robots.models.robot_model import Gripper, GripperType, ModelNote, RobotJoint
 from mindstage.scene.transforms import (
     Array,
     pose_from_array,

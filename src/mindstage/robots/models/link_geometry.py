@@ -18,7 +18,7 @@ from mindstage.access.resources import is_inside, is_outside_request
 from mindstage.assets.mesh_import import ImportedMesh, import_meshes
 from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.urdf.urdf_model import UrdfGeometry, UrdfGeometryType, UrdfRobot
-from mindstage.robots.robot_model import ModelNote
+from mindstage.robots.models.robot_model import ModelNote
 from mindstage.scene import (
     BodyGeometry,
     CollisionShape,

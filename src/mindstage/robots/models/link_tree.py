@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.robots.forward_kinematics import link_poses
-from mindstage.robots.robot_model import ModelNote, RobotJoint, RobotLink
+from mindstage.robots.models.forward_kinematics import link_poses
+from mindstage.robots.models.robot_model import ModelNote, RobotJoint, RobotLink
 from mindstage.scene import CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 

@@ -25,9 +25,9 @@ from mindstage.engines.mujoco.mjcf_reading import (
     read_mjcf,
 )
 from mindstage.errors import RobotModelError
-from mindstage.robots.forward_kinematics import joint_motion
+from mindstage.robots.models.forward_kinematics import joint_motion
 from mindstage.robots.models.link_geometry import PrimitivePart, hull_shape, primitive_mesh
-from mindstage.robots.robot_model import BaseType, ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
+from mindstage.robots.models.robot_model import BaseType, ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
 from mindstage.scene import (
     BodyGeometry,
     CollisionShape,

@@ -21,9 +21,7 @@ from mindstage.robots.models.catalog import ModelSource, find_model
 from mindstage.robots.models.link_geometry import read_link_geometries
 from mindstage.robots.models.link_tree import LinkTree, sorted_tree
 from mindstage.robots.models.mjcf import read_mjcf_robot
-from mindstage.robots.models.srdf import Srdf, read_srdf
-from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
-from mindstage.robots.robot_model import (
+from mindstage.robots.models.robot_model import (
     BaseType,
     ModelNote,
     RobotJoint,
@@ -32,6 +30,8 @@ from mindstage.robots.robot_model import (
     RobotMimic,
     RobotModel,
 )
+from mindstage.robots.models.srdf import Srdf, read_srdf
+from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
 from mindstage.scene import Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix

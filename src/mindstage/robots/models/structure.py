@@ -13,11 +13,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from mindstage.robots.forward_kinematics import rest_positions
+from mindstage.robots.models.forward_kinematics import rest_positions
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
-from mindstage.robots.models.srdf import Srdf, SrdfGroup
-from mindstage.robots.robot_model import (
+from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     Gripper,
@@ -29,6 +28,7 @@ from mindstage.robots.robot_model import (
     RobotSensor,
     SensorType,
 )
+from mindstage.robots.models.srdf import Srdf, SrdfGroup
 
 __all__ = ["RobotStructure", "base_type", "find_structure", "wheel_joints"]
 

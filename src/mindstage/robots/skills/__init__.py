@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from mindstage.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from mindstage.robots.skills.declaration import (
+    from mindstage.robots.skill_declaration import (
         ParameterType,
         SkillNeed,
         SkillOutcome,
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         skill_specs,
         split_command,
     )
+    from mindstage.robots.skill_performance import start_skill
     from mindstage.robots.skills.front_access import FrontReach, FrontReachStep, FrontWay, can_open
-    from mindstage.robots.skills.performance import start_skill
 
 __all__ = [
     "FrontReach",
@@ -42,5 +42,6 @@ __all__ = [
 ]
 
 __getattr__, __dir__ = lazy_names(
-    __name__, [f"{__name__}.{each}" for each in ("declaration", "performance", "front_access")]
+    __name__,
+    ["mindstage.robots.skill_declaration", "mindstage.robots.skill_performance", f"{__name__}.front_access"],
 )

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mindstage.robots.models.robot_model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.robot_kinematics import BASE_JOINTS, IkResult, IkTolerance, RobotKinematics
-from mindstage.robots.robot_model import Arm, BaseType, RobotJoint, RobotModel
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array, normalize, quat_angle
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from mindstage.errors import CommandRefusedError, SkillFailedError, UnreachableError
+from mindstage.robots.skill_declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.arm_paths import ArmPath
-from mindstage.robots.skills.declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skills.front_access import BACK_M, FrontMotion, FrontWay, find_front_motion
 from mindstage.robots.skills.manipulator import Manipulator, free_hand
-from mindstage.robots.skills.surroundings import Opening, Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Opening, Surroundings
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from mindstage.errors import KnowledgeError, NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.rdf.graphs import local_name
-from mindstage.robots.skills.declaration import ClassName, SkillMotion, SkillNeed, ThingName, skill
+from mindstage.robots.skill_declaration import ClassName, SkillMotion, SkillNeed, ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import moving_front
 from mindstage.robots.skills.handling import pick_up, put_down
 from mindstage.robots.skills.manipulator import hand_with
 from mindstage.robots.skills.movement import drive_to
-from mindstage.robots.skills.surroundings import Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Surroundings
 from mindstage.scene import BodyId
 
 __all__ = ["fetch", "put_away"]

@@ -21,11 +21,11 @@ from mindstage.robots.collisions import Collision, HandChecker
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, IkResult
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
 from mindstage.robots.skills.manipulator import BasePose, Manipulator, hands_of
 from mindstage.robots.skills.path_placement import PathPlacement, PathPlacementRequest, find_path_placement
-from mindstage.robots.skills.surroundings import Opening, Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Opening, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import (
     Array,

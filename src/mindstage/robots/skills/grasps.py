@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mindstage.robots.models.robot_model import Gripper, GripperType, RobotModel
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.robots.robot_model import Gripper, GripperType, RobotModel
 from mindstage.scene import Body
 from mindstage.scene.collision_shapes import compile_geometry, fallback_collision_shape
 from mindstage.scene.geometry import BodyGeometry, CollisionShape

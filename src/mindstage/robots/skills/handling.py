@@ -10,13 +10,13 @@ import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.robots.navigation import FloorMap
-from mindstage.robots.skills.declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
+from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_front
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of, planar_pose
 from mindstage.robots.skills.path_placement import PathPlacement, PathPlacementRequest, find_path_placement
-from mindstage.robots.skills.surroundings import Opening, Surroundings
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.surroundings import Opening, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.transforms import (

@@ -17,15 +17,15 @@ from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
+from mindstage.robots.models.robot_model import Arm, BaseType, Gripper, RobotJointType
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.robots.robot_model import Arm, BaseType, Gripper, RobotJointType
 from mindstage.robots.search_limits import SearchLimit
+from mindstage.robots.skill_declaration import SkillMotion
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
-from mindstage.robots.skills.declaration import SkillMotion
 from mindstage.robots.skills.grasps import GripperShape
-from mindstage.robots.skills.task import SkillTask
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import (

@@ -20,7 +20,7 @@ async function save(choice) {
   const map = await callOrToast("save", { ...(format && { format }), ...(dialect && { dialect }) });
   if (!map) return;
   const content = map.text ?? Uint8Array.from(atob(map.base64), (character) => character.charCodeAt(0));
-  const url = URL.createObjectURL(new Blob([content]));
+  const url = URL.createObjectURL(new Blob([content], { type: map.type }));
   el("a", { href: url, download: map.name }).click();
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }

@@ -16,8 +16,8 @@ from gymnasium.utils.env_checker import check_env
 
 from mindstage import save
 from mindstage.errors import InvalidArgumentError, RobotNotFoundError
-from mindstage.robots.gym import OpenEnv, PickEnv, PlaceEnv, PutAwayEnv, RobotTaskEnv, play_randomly, play_skill
-from mindstage.robots.gym import success_rate as rate_of
+from mindstage.gym import OpenEnv, PickEnv, PlaceEnv, PutAwayEnv, RobotTaskEnv, play_randomly, play_skill
+from mindstage.gym import success_rate as rate_of
 from mindstage.scene import BodyId
 from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import pose_from_array
@@ -83,12 +83,12 @@ def test_an_environment_is_found_by_its_id_in_every_order_of_imports(order: str)
         f"print(registration._find_spec({id!r}).entry_point, *(type(each).__name__ for each in sys.meta_path))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
-    assert run.stdout.startswith("mindstage.robots.gym:OpenEnv ")
+    assert run.stdout.startswith("mindstage.gym:OpenEnv ")
     assert "_ImportHook" not in run.stdout, "the hook is removed after the import"
 
 
 def test_a_fresh_process_makes_an_environment_by_the_module_that_defines_it() -> None:
-    code = "import mindstage, gymnasium; gymnasium.make('mindstage.robots.gym:mindstage/Open-v0', thing='nothing')"
+    code = "import mindstage, gymnasium; gymnasium.make('mindstage.gym:mindstage/Open-v0', thing='nothing')"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert "OpenEnv cannot be about it" in run.stderr, "the environment is found, and refuses its argument"
 

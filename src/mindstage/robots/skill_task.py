@@ -9,12 +9,12 @@ from math import inf
 from msgspec.structs import replace
 
 from mindstage.errors import SkillFailedError
+from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.robots.robot_model import BaseType
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.declaration import Skill, SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
-from mindstage.robots.skills.surroundings import Surroundings
+from mindstage.robots.skill_declaration import Skill, SkillMotion, SkillNeed, SkillSpec, SkillState, SkillStep
+from mindstage.robots.surroundings import Surroundings
 from mindstage.scene import BodyId
 
 __all__ = ["SkillTask"]

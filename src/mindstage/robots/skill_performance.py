@@ -24,7 +24,7 @@ from mindstage.errors import (
 from mindstage.ranges import Seed, checked
 from mindstage.registry import Group, extensions
 from mindstage.robots.robot import Robot
-from mindstage.robots.skills.declaration import (
+from mindstage.robots.skill_declaration import (
     Skill,
     SkillOutcome,
     SkillResult,
@@ -32,7 +32,7 @@ from mindstage.robots.skills.declaration import (
     SkillValue,
     split_command,
 )
-from mindstage.robots.skills.task import SkillTask
+from mindstage.robots.skill_task import SkillTask
 
 __all__ = ["start_skill"]
 

@@ -30,10 +30,10 @@ from mindstage.errors import CommandRefusedError, InvalidArgumentError, Simulati
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.edits import add_robot
+from mindstage.robots.models.robot_model import BaseType, RobotJoint, RobotJointType
 from mindstage.robots.robot import Robot
-from mindstage.robots.robot_model import BaseType, RobotJoint, RobotJointType
-from mindstage.robots.skills.declaration import SkillResult
-from mindstage.robots.skills.performance import start_skill
+from mindstage.robots.skill_declaration import SkillResult
+from mindstage.robots.skill_performance import start_skill
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene import Body, BodyId, Iri, Pose
 from mindstage.scene.edits import SetPoses
@@ -54,6 +54,8 @@ __all__ = [
     "play_skill",
     "success_rate",
 ]
+
+__dir__ = __all__.copy
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mindstage.robots.robot_model import RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.scene import Pose
 from mindstage.scene.transforms import Array, axis_displacement, normalized_pose_array, pose_multiply
 

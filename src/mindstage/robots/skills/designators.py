@@ -29,7 +29,7 @@ from mindstage.errors import AmbiguousNameError, InvalidArgumentError, Knowledge
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
-from mindstage.robots.skills.declaration import SkillValue, skill_specs
+from mindstage.robots.skill_declaration import SkillValue, skill_specs
 from mindstage.scene import Body, BodyId, Iri, World
 
 __all__ = ["ACTION_TYPES", "DesignatedSkill", "DesignatorChoice", "DesignatorSession", "read_designator"]

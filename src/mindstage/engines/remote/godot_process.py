@@ -83,7 +83,7 @@ def find_godot(program_name: str | Path | None = None) -> GodotExecutable:
 
 
 def _candidates() -> Iterator[Path]:
-    checkout = Path(__file__).resolve().parents[3]
+    checkout = Path(__file__).resolve().parents[4]
     on_path = (found for name in _PROGRAM_NAMES if (found := shutil.which(name)))
     home = home_folder()
     at_home = () if home is None else (home / ".local/bin/godot", home / "Applications/Godot.app/Contents/MacOS/Godot")
@@ -135,7 +135,7 @@ def bundled_project() -> Path:
     Raises:
         EngineUnavailableError: the project is not installed.
     """
-    package = Path(__file__).resolve().parents[1]
+    package = Path(__file__).resolve().parents[2]
     candidates = (package / "godot_project", package.parents[1] / "godot")
     found = next((candidate for candidate in candidates if (candidate / _PROJECT_FILE).is_file()), None)
     if found is None:

@@ -19,9 +19,9 @@ from mindstage.assets.cache import cache_geometry_glb, geometry_cache_dir
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.bridge.conversions import point_message
 from mindstage.engines.base import EngineFactory, EngineSettings
-from mindstage.engines.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.engines.remote.client import RemoteUrl, ServiceClient
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
+from mindstage.engines.remote.godot_process import GodotProcess, find_godot, prepare_project
 from mindstage.errors import BridgeError, ConnectionLostError, EngineError, EngineUnavailableError
 from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
