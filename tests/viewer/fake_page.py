@@ -27,7 +27,7 @@ class FakePage:
             text = self._channel._run_handler(self.session, request, text)
         reply = msgspec.json.decode(text)
         if "error" in reply:
-            raise RequestFailedError(f"{reply['error']['type']}: {reply['error']['message']}")
+            raise RequestFailedError(f"{reply['error']['code']}: {reply['error']['message']}")
         return reply["result"]
 
     def latest_value(self, topic: str) -> Any:
