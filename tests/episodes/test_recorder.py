@@ -26,7 +26,7 @@ from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
-from mindstage.scene.edits import Attach, Delete, SetPoses
+from mindstage.scene.edits import Attach, Delete, SetLabel, SetPoses
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
 from tests.conftest import missing
@@ -365,9 +365,9 @@ def test_an_edit_between_two_frames_is_a_frame(simulation: Simulation, tmp_path:
     with Recorder(simulation, tmp_path / "run.mcap", rate_hz=5.0) as recorder:
         simulation.step(0.25)
         before = recorder.frames
-        edit(simulation, lambda engine: engine.set_label(MUG, "first"))
+        edit(simulation, lambda engine: engine.apply(SetLabel(id=MUG, text="first")))
         simulation.step(0.05)
-        edit(simulation, lambda engine: engine.set_label(MUG, "second"))
+        edit(simulation, lambda engine: engine.apply(SetLabel(id=MUG, text="second")))
         assert recorder.frames == before + 2
         simulation.step(0.3)
     labels = {0.22: None, 0.26: "first", 0.29: "first", 0.31: "second", 0.6: "second"}

@@ -20,14 +20,14 @@ class FakePage:
 
     def ask(self, method: str, **arguments: object) -> Any:
         """Sends a request; an error response is raised as a `RequestFailedError`."""
-        request = _Request(id=1, method=method, arguments=msgspec.Raw(msgspec.json.encode(arguments)))
+        request = _Request(id=1, method=method, params=msgspec.Raw(msgspec.json.encode(arguments)))
         text = self._channel._run_handler(self.session, request)
         while isinstance(text, Later):
             wait([text.future], timeout=60.0)
             text = self._channel._run_handler(self.session, request, text)
         reply = msgspec.json.decode(text)
         if "error" in reply:
-            raise RequestFailedError(f"{reply['error']['type']}: {reply['error']['message']}")
+            raise RequestFailedError(f"{reply['error']['code']}: {reply['error']['message']}")
         return reply["result"]
 
     def latest_value(self, topic: str) -> Any:

@@ -405,8 +405,7 @@ def test_a_saved_map_can_be_loaded_without_loss(
 ) -> None:
     before = physics_simulation.snapshot()
     saved = client.ask("save", **options)
-    name, type = ("map.ttl", "text/turtle") if "format" in options else ("map.owl", "application/rdf+xml")
-    assert (saved["name"], saved["type"]) == (name, type)
+    assert saved["name"] == ("map.ttl" if "format" in options else "map.owl")
     client.ask("delete", ids=["Fridge", "Mug"])
     loaded = client.ask("load", name=saved["name"], text=saved["text"])
     assert (loaded["bodies"], loaded["joints"], loaded["failed"]) == (8, 2, [])
