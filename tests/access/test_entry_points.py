@@ -307,7 +307,7 @@ def test_clients_send_requests_of_questions_only(prolog: Path) -> None:
         with from_outside():
             for name in trusted:
                 (row,) = console.solutions(f"mindstage_questions:python({name}, Reply)")
-                assert "prolog_unavailable" in str(row["Reply"]), name
+                assert "PrologUnavailableError" in str(row["Reply"]), name
 
 
 # -- handlers that decide by themselves --------------------------------------------------------------------------------

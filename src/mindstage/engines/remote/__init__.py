@@ -15,6 +15,7 @@ from mindstage.engines.base import EngineFactory, EngineSettings
 from mindstage.engines.remote.client import SCHEME, RemoteProfile, RemoteUrl, ServiceClient
 from mindstage.engines.remote.compiled import CompiledRemoteEngine
 from mindstage.engines.remote.engine import RemoteEngine
+from mindstage.engines.remote.godot import GodotEngine
 from mindstage.engines.remote.mindstage import MeshExporter, MindstageRemoteEngine
 from mindstage.engines.remote.unreal import UnrealEngine
 from mindstage.errors import BridgeError, EngineUnavailableError
@@ -22,7 +23,16 @@ from mindstage.msgs import engine_service
 from mindstage.msgs import mindstage_msgs as wire
 from mindstage.ranges import checked
 
-__all__ = ["REMOTE_ENGINE", "SCHEME", "TLS_ENGINE", "RemoteEngine", "RemoteProfile", "RemoteUrl", "connect"]
+__all__ = [
+    "REMOTE_ENGINE",
+    "SCHEME",
+    "TLS_ENGINE",
+    "GodotEngine",
+    "RemoteEngine",
+    "RemoteProfile",
+    "RemoteUrl",
+    "connect",
+]
 
 _ENGINE_SERVICES = ("/mindstage/describe", "/spawn_semantic_map")
 """Service names, after the namespace, that only an engine has."""
