@@ -423,7 +423,7 @@ class World(FrozenStruct, frozen=True, kw_only=True):
     """The statements about the map itself."""
     resources: tuple[NamedResource, ...] = ()
     """Other resources that the source of the map describes: classes, properties, the ontology that it is part of."""
-    format_version: int = 1
+    format_version: int = 2
 
     def __repr__(self) -> str:
         counts = (counted(len(self.bodies), "body"), counted(len(self.joints), "joint"))
