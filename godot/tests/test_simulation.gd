@@ -75,7 +75,9 @@ func test_a_soft_limit_is_a_spring() -> void:
 	var simulation: MindstageSimulation = new_simulation()
 	var soft: Dictionary = {"enabled": true, "stiffness": 400.0, "damping": 60.0}
 	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
-	simulation.spawn(MindstageExampleWorlds.drawer({"linear": {"x": 1, "limit": 0.1, "soft_limit": soft}}), "", "", result)
+	simulation.spawn(
+		MindstageExampleWorlds.drawer({"linear": {"x": 1, "limit": 0.1, "soft_limit": soft}}), "", "", result
+	)
 	simulation.apply_force("drawer", MindstageFrames.vector(45.0, 0.0, 0.0), null)
 	await simulation.step(3.0)
 	near(_row(simulation, "drawer")[0], 0.1 + 40.0 / 400.0, 0.02, "beyond its limit by the force over the stiffness")

@@ -156,21 +156,20 @@ def test_a_spawn_report_has_the_fields_of_its_message() -> None:
 
 def test_every_method_of_an_engine_has_a_service() -> None:
     services = {
-        "spawn": "SpawnWorld", "delete": "Delete", "clear": "Clear", "attach": "Attach", "detach": "Detach",
-        "set_pose": "SetPose", "set_physics": "SetPhysics", "set_materials": "SetMaterials", "set_label": "SetLabel",
+        "apply": "ApplyEdit", "clear": "Clear",
         "highlight": "Highlight", "highlights": "GetHighlights", "apply_force": "Push", "step": "Step",
         "poses": "GetPoses", "joint_positions": "GetJointPositions", "snapshot": "LogWorld", "save_state": "SaveState",
-        "restore_state": "RestoreState", "set_actuators": "SetActuators", "set_commands": "SetCommands",
+        "restore_state": "RestoreState", "set_commands": "SetCommands",
         "actuator_states": "GetActuatorStates",
         "name": "Describe", "capabilities": "Describe", "time_s": "Describe",
     }  # fmt: skip
     contract = {name for name, _ in inspect.getmembers(Engine) if not name.startswith("_")}
     # Statistics and notes are read after each tick; the diagnostics have the notes.
-    contract -= {"close", "stats", "notes", "fork", "scale_dynamics", "contacts"}  # for forks, in the same process
+    contract -= {"close", "stats", "notes", "fork", "scale_dynamics", "contacts", "state_key"}  # in the same process
     assert set(services) == contract
     for name in services.values():
         assert name in mindstage_msgs.__all__
-    local = {"statistics", "fork", "contacts", "scale dynamics", "save bodies"}
+    local = {"statistics", "fork", "contacts", "scale dynamics"}
     assert {ability.value for ability in Capability} - local == {"save", "joints", "actuators"}
 
 

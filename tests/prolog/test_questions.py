@@ -136,7 +136,7 @@ def test_an_unknown_name_fails_and_is_warned_about_once(
     [
         ("ask_sentence('where is the left drawer', _)", "AmbiguousSentenceError"),
         ("storage_place(17, _)", "InvalidArgumentError"),
-        ("identical_maps(kitchen, kitchen, -1)", "InvalidArgumentError"),
+        ("identical_maps(kitchen, kitchen, -1)", "NumberRefusedError"),
         ("why(handle_off(_, _, _))", "QuestionNotFoundError"),
         ("why(maps(_, _, _))", "InvalidArgumentError"),
     ],

@@ -271,8 +271,8 @@ def test_modules_of_knowrob_2_export_modes_properties_and_interfaces(console: Pr
     assert values(console, "rdf_has(kitchen:oven, knowrob:touches, X)") == ["done"]
     assert values(console, "plain, found(X)") == [f"{KNOWROB}Door"]
     assert values(console, "found_in(X, y)") == ["y"]
-    assert values(console, "mindstage_user_files:source(is_k2_door(_), inner(X))") == []
-    assert console.holds("mindstage_user_files:source(is_k2_door(_), (inner(_), has_type(_, _)))")
+    assert values(console, "mindstage_user_files:told_by(is_k2_door(_), inner(X))") == []
+    assert console.holds("mindstage_user_files:told_by(is_k2_door(_), (inner(_), has_type(_, _)))")
 
 
 def test_tests_of_knowrob_2_run_with_their_ontology(console: PrologConsole, tmp_path: Path) -> None:

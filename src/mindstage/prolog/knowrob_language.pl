@@ -550,7 +550,7 @@ marker(Term, Id) :-
     marker_record(Term, Id, Record),
     set_marker(Id, Record).
 
-marker_record(object(Object), Id, marker(ghost, [Position, [W, X, Y, Z]], [1, 1, 1], [0, 0.6, 1, 0.6], Id)) :- !,
+marker_record(object(Object), Id, marker(body_copy, [Position, [W, X, Y, Z]], [1, 1, 1], [0, 0.6, 1, 0.6], Id)) :- !,
     once(current_object_pose(Object, [map, Id, Position, [X, Y, Z, W]])).
 marker_record(text(Id, Text), Id, marker(text, [[0, 0, 0], [1, 0, 0, 0]], [0.1, 0.1, 0.1], [1, 1, 1, 1], Text)) :- !.
 marker_record(Term, Id, marker(Type, [[0, 0, 0], [1, 0, 0, 0]], [0.1, 0.1, 0.1], [1, 1, 0, 1], '')) :-
