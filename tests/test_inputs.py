@@ -57,7 +57,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.edits import Attach
 from mindstage.scene.transforms import normalized_pose_array
-from mindstage.simulation import Marker, MarkerType, Simulation, UndoStack
+from mindstage.simulation import Edits, Marker, MarkerType, Simulation
 from tests.engines.scenes import body
 from tests.imagination.scenes import TABLE_HEIGHT_M, on_table
 from tests.robots.rooms import box, robot_in
@@ -136,8 +136,8 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "RobotKinematics.solutions root_pose": lambda robot, pose: first(
         RobotKinematics(robot.model).solutions("gripper", Pose((1.4, 0.5, 1.8)), root_pose=pose)
     ),
-    "UndoStack.move pose": lambda _, pose: moved(lambda stack: stack.move(BodyId("box"), pose)),
-    "UndoStack.move_all poses": lambda _, pose: moved(lambda stack: stack.move_all({BodyId("box"): pose})),
+    "Edits.move pose": lambda _, pose: moved(lambda stack: stack.move(BodyId("box"), pose)),
+    "Edits.move_all poses": lambda _, pose: moved(lambda stack: stack.move_all({BodyId("box"): pose})),
     "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
     "find_base_placements targets": lambda robot, pose: find_base_placements(robot, "", [pose], count=1),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
@@ -145,14 +145,14 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""
-RECORDS_ONLY = {"UndoStack.record_motion before"}
+RECORDS_ONLY = {"Edits.record_motion before"}
 """Parameters that are given by what reads poses."""
 
 
-def moved(move: Callable[[UndoStack], object]) -> Pose:
+def moved(move: Callable[[Edits], object]) -> Pose:
     """Where a box is after an edit."""
     with on_table(body("box", (-0.5, 0.0, TABLE_HEIGHT_M + 0.05), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
-        move(sim.undo_stack)
+        move(sim.edits)
         return sim.body("box").pose
 
 

@@ -74,7 +74,7 @@ def test_a_moment_of_an_episode_is_rendered(run: Run, write_map: WriteMap, tmp_p
     episode = tmp_path / "fall.mcap"
     with ms.open(write_map("mugs.owl", mugs={"X": "0 0 1.8"}), engine="null") as sim, Recorder(sim, episode):
         sim.step(0.2)
-        sim.undo_stack.move(sim.snapshot().bodies[0].id, Pose((0.0, 0.0, 1.0)))
+        sim.edits.move(sim.snapshot().bodies[0].id, Pose((0.0, 0.0, 1.0)))
         sim.step(0.3)
     pictures = []
     for at in (0.0, 0.4):

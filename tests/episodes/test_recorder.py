@@ -286,11 +286,11 @@ def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
 ) -> None:
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(1.0)
-        simulation.undo_stack.reset()
+        simulation.edits.reset()
         assert simulation.state.time_s == 0.0
         simulation.step(0.2)
         assert recorder.time_s == pytest.approx(1.2, abs=0.04)
-        simulation.undo_stack.undo()
+        simulation.edits.undo()
         assert simulation.state.time_s == pytest.approx(1.0)
         simulation.step(0.2)
         assert recorder.time_s == pytest.approx(1.4, abs=0.04)

@@ -28,15 +28,15 @@ def made() -> Simulation:
 def test_a_recording_can_be_executed_again_with_a_robot(tmp_path: Path) -> None:
     with made() as sim:
         with Recorder(sim, tmp_path / "run.mcap"):
-            sim.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
+            sim.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
             sim.step(0.2)
-            sim.undo_stack.delete([FRIDGE], parts=True)
-            sim.undo_stack.undo()
+            sim.edits.delete([FRIDGE], parts=True)
+            sim.edits.undo()
             cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=Pose((1.0, -2.0, 0.05)))
             sim.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
             add_robot(sim, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
-            sim.undo_stack.attach(DRAWER, MUG)
-            sim.undo_stack.rename(MUG, "cup of Ann")
+            sim.edits.attach(DRAWER, MUG)
+            sim.edits.set_label(MUG, "cup of Ann")
             sim.step(0.1)
         after, actuators = sim.snapshot(), sim.run_on_engine(lambda engine: engine.actuator_states())
     with made() as again, Episode(tmp_path / "run.mcap") as episode:

@@ -142,9 +142,9 @@ def test_the_events_of_a_history_are_those_of_its_recording_with_the_names_of_bo
 @pytest.mark.parametrize(
     ("edit", "what"),
     [
-        (lambda replay: replay.undo_stack.delete([MUG]), "delete"),
-        (lambda replay: replay.undo_stack.move(MUG, Pose((0.0, 0.0, 2.0))), "set poses"),
-        (lambda replay: replay.undo_stack.attach(DRAWER, MUG), "attach"),
+        (lambda replay: replay.edits.delete([MUG]), "delete"),
+        (lambda replay: replay.edits.move(MUG, Pose((0.0, 0.0, 2.0))), "set poses"),
+        (lambda replay: replay.edits.attach(DRAWER, MUG), "attach"),
         (lambda replay: replay.pull(MUG, point=(0.0, 0.0, 0.0), target=(0.0, 0.0, 2.0)), ""),
         (lambda replay: replay.clear(), "remove its bodies"),
         (lambda replay: replay.set_knowledge(KnowledgeBase()), "remove its bodies"),
@@ -188,7 +188,7 @@ def test_it_continues_live_from_the_shown_moment_and_returns(replay: EpisodeRepl
     replay.step(0.5)
     assert replay.state.time_s > 2.3
     assert pose(replay, MUG)[2] == pytest.approx(1.85, abs=0.01)
-    replay.undo_stack.delete([MUG])
+    replay.edits.delete([MUG])
     replay.reset_to_start()
     assert pose(replay, MUG)[2] == pytest.approx(0.85, abs=0.01)
     replay.return_to_recording()

@@ -204,7 +204,7 @@ class TestEvents:
 
     def test_a_thing_that_falls_out_of_the_world_has_left_the_place(self) -> None:
         with on_table(BOX) as sim:
-            sim.undo_stack.delete([BodyId("floor")])
+            sim.edits.delete([BodyId("floor")])
             result = run_plan(sim, Plan(steps=(Move(thing="box", by=(0.7, 0.0, 0.0)), Wait(duration_s=3.0))))
         assert {event.kind for event in result.events} >= {EventKind.FELL, EventKind.LEFT}
 

@@ -168,11 +168,11 @@ def test_what_a_plan_did_is_one_step_of_the_history(table: Simulation) -> None:
     before_s = table.state.time_s
     assert act(table, msgspec.structs.replace(ASIDE, name="push it")).outcome is Outcome.SUCCEEDED
     assert box_x(table) == pytest.approx(-0.4, abs=1e-3)
-    assert table.undo_stack.history.undo == ("push it",)
-    table.undo_stack.undo()
+    assert table.edits.history.undo == ("push it",)
+    table.edits.undo()
     assert box_x(table) == pytest.approx(-0.5, abs=1e-3)
     assert table.state.time_s == before_s
-    table.undo_stack.redo()
+    table.edits.redo()
     assert box_x(table) == pytest.approx(-0.4, abs=1e-3)
     try_first(table, OVER_THE_EDGE)
-    assert table.undo_stack.history.undo == ("push it",), "a plan that is only tried changes nothing"
+    assert table.edits.history.undo == ("push it",), "a plan that is only tried changes nothing"

@@ -161,7 +161,7 @@ def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simul
 
 def test_a_sample_can_be_replayed_exactly(sim: Simulation) -> None:
     verdict = evaluate_plan(sim, NEAR_EDGE, samples=10)
-    sim.undo_stack.delete([BodyId("box")])  # the world of the verdict remains
+    sim.edits.delete([BodyId("box")])  # the world of the verdict remains
     replay = verdict.replay()
     assert replay.result == verdict.first_failure
     heights = [frame.poses[frame.ids.index(BodyId("box"))][2] for frame in replay.frames]

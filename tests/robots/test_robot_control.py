@@ -592,13 +592,13 @@ def test_a_restored_state_ends_the_motions_that_were_started_later(sim: Simulati
 def test_a_robot_whose_parts_were_deleted_is_gone_until_that_is_undone(sim: Simulation, robot: Robot) -> None:
     goal = robot.start_trajectory(robot.trajectory_to({"head_pan_joint": 1.0}))
     sim.step(0.1)
-    sim.undo_stack.delete([robot.link_ids["lift_link"]])
+    sim.edits.delete([robot.link_ids["lift_link"]])
     sim.step(0.1)
     assert not sim.robots
     assert goal.status is MotionOutcome.CANCELED
     with pytest.raises(CommandRefusedError, match="deleted"):
         robot.drive(0.1)
-    sim.undo_stack.undo()
+    sim.edits.undo()
     sim.step(0.1)
     assert find_robot(sim) is robot
     assert robot.run(robot.moving_to({"lift_joint": 0.6}))

@@ -143,9 +143,9 @@ def test_undo_of_spawns_in_a_row_is_per_call(simulation: Simulation) -> None:
         one = type(world)(iri=world.iri, bodies=(world.bodies[number],))
         simulation.spawn(one, persistent=False, title=f"cube{number} added")
     for number in reversed(range(5)):
-        assert simulation.undo_stack.undo() == f"cube{number} added"
+        assert simulation.edits.undo() == f"cube{number} added"
         assert simulation.state.ids == (*before, *(f"cube{each}" for each in range(number)))
-    assert simulation.undo_stack.redo() == "cube0 added"
+    assert simulation.edits.redo() == "cube0 added"
     assert simulation.state.ids == (*before, "cube0")
 
 

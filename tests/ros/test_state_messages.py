@@ -46,7 +46,7 @@ ROUND = Pose((2.0, 0.0, 0.85), (0.5, 0.5, -0.5, 0.5))
 def sim() -> Iterator[Simulation]:
     with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
-        sim.undo_stack.move(MUG, replace(ROUND, position=(2.0, 0.25, 0.85)))
+        sim.edits.move(MUG, replace(ROUND, position=(2.0, 0.25, 0.85)))
         sim.step(2.5)
         yield sim
 

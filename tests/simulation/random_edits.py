@@ -159,43 +159,43 @@ class RandomEdits:
 
     def do(self, step: Step) -> None:
         """Makes one edit, and checks that it can be undone and redone, if it is one of the history."""
-        rng, undo_stack = random.Random(step.seed), self.sim.undo_stack
-        before, version, count = seen(self.sim), undo_stack.version, len(undo_stack.history.undo)
+        rng, edits = random.Random(step.seed), self.sim.edits
+        before, version, count = seen(self.sim), edits.version, len(edits.history.undo)
         try:
             done = self.edits[step.name](rng)
         except MindstageError as error:
             self.log.append(f"{step.name}: refused: {error}")
-            if undo_stack.version == version:
+            if edits.version == version:
                 check(before, seen(self.sim), f"{step.name} was refused, but has changed something")
             return
         self.log.append(f"{step.name}: {done}")
         self._check_fresh("after")
-        if len(undo_stack.history.undo) != count + 1:
+        if len(edits.history.undo) != count + 1:
             return
         after = seen(self.sim)
         if rng.random() < 0.7:
             self.log.append("undo, redo")
-            undo_stack.undo()
+            edits.undo()
             check(before, seen(self.sim), f"undo of {step.name}", exactly=True)
             self._check_fresh("after undo of")
-            undo_stack.redo()
+            edits.redo()
             check(after, seen(self.sim), f"redo of {step.name}")
         if rng.random() < 0.3:
             self.sim.step(_STEP_S)
             self.log.append(f"step, undo of {step.name}")
             stepped = self.sim.snapshot()
-            undo_stack.undo()
+            edits.undo()
             self._check_after_step(before.world, after.world, stepped, step.name)
             self._check_fresh("after a step and undo of")
         elif rng.random() < 0.3:
             self.log.append("undo")
-            undo_stack.undo()
+            edits.undo()
             check(before, seen(self.sim), f"second undo of {step.name}", exactly=True)
 
     def undo_all(self) -> None:
         """Undoes and redoes the last edits, each of which was made without a step in between."""
-        undo_stack = self.sim.undo_stack
-        undo_stack.clear()
+        edits = self.sim.edits
+        edits.clear()
         start, rng = seen(self.sim), random.Random(len(self.log))
         names = [name for name in self.edits if name not in _NOT_IN_HISTORY]
         for _ in range(8):
@@ -204,11 +204,11 @@ class RandomEdits:
                 self.log.append(f"{name}: {self.edits[name](rng)}")
             except MindstageError as error:
                 self.log.append(f"{name}: refused: {error}")
-        end, count = seen(self.sim), len(undo_stack.history.undo)
+        end, count = seen(self.sim), len(edits.history.undo)
         self.log.append(f"undo of {count} edits")
-        undo_stack.go_to(0)
+        edits.go_to(0)
         check(start, seen(self.sim), "undo of all edits", exactly=True)
-        undo_stack.go_to(count)
+        edits.go_to(count)
         check(end, seen(self.sim), "redo of all edits")
 
     def finish(self) -> None:
@@ -233,19 +233,19 @@ class RandomEdits:
     def edit_move(self, rng: random.Random) -> object:
         body = self._body(rng)
         pose = self._near(body, rng)
-        self.sim.undo_stack.move(body.id, pose)
+        self.sim.edits.move(body.id, pose)
         return body.id, pose
 
     def edit_move_all(self, rng: random.Random) -> object:
         world = self.sim.snapshot()
         bodies = rng.sample(world.bodies, k=min(3, len(world.bodies)))
-        self.sim.undo_stack.move_all({body.id: self._near(body, rng) for body in bodies})
+        self.sim.edits.move_all({body.id: self._near(body, rng) for body in bodies})
         return [body.id for body in bodies]
 
     def edit_delete(self, rng: random.Random) -> object:
         world = self.sim.snapshot()
         bodies = rng.sample(world.bodies, k=min(rng.choice((1, 1, 1, 2, 3)), len(world.bodies)))
-        return self.sim.undo_stack.delete(
+        return self.sim.edits.delete(
             [body.id for body in bodies], parts=rng.random() < 0.4, contents=rng.random() < 0.4
         )
 
@@ -254,13 +254,13 @@ class RandomEdits:
         if not world.joints:
             return "no joint"
         joint = rng.choice(world.joints)
-        return self.sim.undo_stack.delete([rng.choice((joint.parent, joint.child))], parts=rng.random() < 0.3)
+        return self.sim.edits.delete([rng.choice((joint.parent, joint.child))], parts=rng.random() < 0.3)
 
     def edit_attach(self, rng: random.Random) -> object:
         parent, child = self._body(rng).id, self._body(rng).id
         if self._are_connected(parent, child):
             return "joints connect them already"
-        self.sim.undo_stack.attach(parent, child)
+        self.sim.edits.attach(parent, child)
         return parent, child
 
     def edit_detach(self, rng: random.Random) -> object:
@@ -268,13 +268,13 @@ class RandomEdits:
         if not attachments:
             return "nothing is attached"
         child = rng.choice(attachments).child
-        self.sim.undo_stack.detach(child)
+        self.sim.edits.detach(child)
         return child
 
     def edit_material(self, rng: random.Random) -> object:
         body, color = self._body(rng), (rng.random(), rng.random(), rng.random())
         materials = [Material(name=rng.choice(("paint", "oak", "steel")), color=color)] if rng.random() < 0.8 else []
-        self.sim.undo_stack.set_materials(body.id, materials)
+        self.sim.edits.set_materials(body.id, materials)
         return body.id, materials
 
     def edit_physics(self, rng: random.Random) -> object:
@@ -287,12 +287,12 @@ class RandomEdits:
                 {"overlap_events": rng.random() < 0.5},
             )
         )
-        self.sim.undo_stack.set_physics(body.id, replace(body.physics, **changes))
+        self.sim.edits.set_physics(body.id, replace(body.physics, **changes))
         return body.id, changes
 
     def edit_rename(self, rng: random.Random) -> object:
         body, label = self._body(rng), rng.choice(("", "cup of Ann", "<b>x</b>", "näme"))
-        self.sim.undo_stack.rename(body.id, label)
+        self.sim.edits.set_label(body.id, label)
         return body.id, label
 
     def edit_joint(self, rng: random.Random) -> object:
@@ -307,7 +307,7 @@ class RandomEdits:
         low, high = (-1.0 if axis.lower is None else axis.lower), (1.0 if axis.upper is None else axis.upper)
         value = rng.uniform(low, high)
         poses = {id: normalized_pose_array(body.pose) for id, body in bodies.items()}
-        self.sim.undo_stack.move(handle.moving_body, handle.pose_for(axis.name, value, poses))
+        self.sim.edits.move(handle.moving_body, handle.pose_for(axis.name, value, poses))
         return handle.joint.id, axis.name, value
 
     def edit_add(self, rng: random.Random) -> object:
@@ -330,11 +330,11 @@ class RandomEdits:
         return placed.id, holder.id
 
     def edit_one_step(self, rng: random.Random) -> object:
-        with self.sim.undo_stack.one_step("tidy up"):
+        with self.sim.edits.one_step("tidy up"):
             return [self.edit_rename(rng), self.edit_move(rng), self.edit_delete(rng)]
 
     def edit_reset(self, rng: random.Random) -> object:
-        self.sim.undo_stack.reset()
+        self.sim.edits.reset()
         return "reset"
 
     # -- what is not in the history ----------------------------------------------------------------------------
@@ -357,11 +357,11 @@ class RandomEdits:
     def edit_saved_state(self, rng: random.Random) -> object:
         before = seen(self.sim)
         state = self.sim.run_on_engine(lambda engine: engine.save_state())
-        self.sim.undo_stack.move(self._body(rng).id, Pose((0.0, 0.0, 3.0)))
+        self.sim.edits.move(self._body(rng).id, Pose((0.0, 0.0, 3.0)))
         self.sim.step(0.02)
         self.sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
         check(before, seen(self.sim), "a restored state")
-        self.sim.undo_stack.clear()
+        self.sim.edits.clear()
         return "restored"
 
     def edit_robot(self, rng: random.Random) -> object:
@@ -369,7 +369,7 @@ class RandomEdits:
             return "no robot"
         if self.sim.robots and rng.random() < 0.5:
             robot = find_robot(self.sim, rng.choice(sorted(self.sim.robots)))
-            self.sim.undo_stack.apply(robot.edit.removal(self.sim.state.ids))
+            self.sim.edits.apply(robot.edit.removal(self.sim.state.ids))
             return f"{robot.name} removed"
         if len(self.sim.robots) > 1:
             return "enough robots"
@@ -395,7 +395,7 @@ class RandomEdits:
         link = robot.link_ids[robot.gripper().link]
         if self._are_connected(link, child):
             return "joints connect them already"
-        self.sim.undo_stack.attach(link, child)
+        self.sim.edits.attach(link, child)
         return link, child
 
     def edit_world(self, rng: random.Random) -> object:

@@ -46,16 +46,16 @@ def test_the_parts_of_a_fridge_are_its_door_and_handle_and_its_contents_the_food
 
 
 def test_deleting_a_body_leaves_its_parts_unless_they_are_asked_for(simulation: Simulation) -> None:
-    assert simulation.undo_stack.delete([FRIDGE]) == (FRIDGE,)
+    assert simulation.edits.delete([FRIDGE]) == (FRIDGE,)
     assert DOOR in simulation.state.ids
-    simulation.undo_stack.undo()
-    assert set(simulation.undo_stack.delete([FRIDGE], parts=True)) == {FRIDGE, DOOR, HANDLE}
+    simulation.edits.undo()
+    assert set(simulation.edits.delete([FRIDGE], parts=True)) == {FRIDGE, DOOR, HANDLE}
     assert {FRIDGE, DOOR, HANDLE}.isdisjoint(simulation.state.ids)
-    simulation.undo_stack.undo()
+    simulation.edits.undo()
     assert {FRIDGE, DOOR, HANDLE} <= set(simulation.state.ids)
     assert len(simulation.snapshot().joints) == len(kitchenette().joints), "joints are restored"
     with pytest.raises(BodyNotFoundError):
-        simulation.undo_stack.delete([BodyId("Nothing")], parts=True)
+        simulation.edits.delete([BodyId("Nothing")], parts=True)
 
 
 def test_a_copied_group_is_pasted_beside_with_its_joints(simulation: Simulation) -> None:
@@ -81,17 +81,17 @@ def test_other_text_is_not_pasted(text: str) -> None:
 def test_several_bodies_are_moved_as_one_step_or_not_at_all(simulation: Simulation) -> None:
     mug, fridge = position(simulation, MUG).copy(), position(simulation, FRIDGE).copy()
     with pytest.raises(BodyNotFoundError):
-        simulation.undo_stack.move_all({MUG: Pose((1.0, 1.0, 1.0)), BodyId("Nothing"): Pose()})
+        simulation.edits.move_all({MUG: Pose((1.0, 1.0, 1.0)), BodyId("Nothing"): Pose()})
     assert position(simulation, MUG) == pytest.approx(mug)
-    simulation.undo_stack.move_all({MUG: Pose((1.0, 1.0, 1.0)), FRIDGE: Pose((3.0, 1.0, 1.0))})
+    simulation.edits.move_all({MUG: Pose((1.0, 1.0, 1.0)), FRIDGE: Pose((3.0, 1.0, 1.0))})
     assert position(simulation, MUG) == pytest.approx((1.0, 1.0, 1.0))
-    assert simulation.undo_stack.undo() == "pose of 2 bodies"
+    assert simulation.edits.undo() == "pose of 2 bodies"
     assert position(simulation, MUG) == pytest.approx(mug)
     assert position(simulation, FRIDGE) == pytest.approx(fridge)
 
 
 def test_a_step_of_the_history_is_chosen_only_as_it_was_seen(simulation: Simulation) -> None:
-    stack = simulation.undo_stack
+    stack = simulation.edits
     for x in (1.0, 2.0, 3.0):
         stack.move(MUG, Pose((x, 0.0, 0.85)))
     seen = stack.version
@@ -109,12 +109,12 @@ def test_a_step_of_the_history_is_chosen_only_as_it_was_seen(simulation: Simulat
 
 def test_what_was_moved_by_physics_can_be_recorded_as_one_step(simulation: Simulation) -> None:
     before = {body.id: body.pose for body in simulation.snapshot().bodies}
-    assert not simulation.undo_stack.record_motion(before, label="nothing dragged")
+    assert not simulation.edits.record_motion(before, label="nothing dragged")
     simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.5, 0.85))})), edits=True)
-    assert simulation.undo_stack.record_motion(before, label="Mug dragged")
-    assert simulation.undo_stack.undo() == "Mug dragged"
+    assert simulation.edits.record_motion(before, label="Mug dragged")
+    assert simulation.edits.undo() == "Mug dragged"
     assert position(simulation, MUG) == pytest.approx(before[MUG].position)
-    simulation.undo_stack.redo()
+    simulation.edits.redo()
     assert position(simulation, MUG) == pytest.approx((1.0, 0.5, 0.85))
 
 

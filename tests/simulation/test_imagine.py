@@ -78,7 +78,7 @@ def test_everything_works_in_a_copy_and_the_original_stays_bit_for_bit_the_same(
         mug = copy.place("CoffeeMug", on="table")
         assert copy.ask("where_is", mug.id)[0].other.endswith("table")
         assert copy.joint("fridge_door").open().arrived
-        copy.undo_stack.move(BodyId("chair_1"), Pose((0.0, 0.0, 3.0)))
+        copy.edits.move(BodyId("chair_1"), Pose((0.0, 0.0, 3.0)))
         copy.step(1.0)
         assert copy.state.poses[copy.state.ids.index(BodyId("chair_1"))][2] < 2.0
         copy.reset()
@@ -94,7 +94,7 @@ def test_everything_works_in_a_copy_and_the_original_stays_bit_for_bit_the_same(
 def test_a_copy_continues_exactly_as_its_original(sim: Simulation) -> None:
     with sim.fork() as copy, copy.fork(threaded=False) as copy_of_copy:
         for each in (sim, copy, copy_of_copy):
-            each.undo_stack.move(MUG, Pose((0.5, -2.0, 1.0)))
+            each.edits.move(MUG, Pose((0.5, -2.0, 1.0)))
             each.step(1.0)
         assert state_bits(sim) == state_bits(copy) == state_bits(copy_of_copy)
 
@@ -124,8 +124,8 @@ def test_open_copies_are_listed_until_they_are_closed(sim: Simulation) -> None:
 class TestCommit:
     def test_the_edits_of_a_copy_are_made_in_the_original(self, sim: Simulation) -> None:
         with sim.fork() as copy:
-            copy.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
-            copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
+            copy.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
+            copy.edits.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
             put = copy.place(copy.make_body("Bowl", size=(0.1, 0.1, 0.05)), on="Fridge")
             copy.step(2.0)
             opened = copy.joint(DOOR).open(0.5)
@@ -142,25 +142,25 @@ class TestCommit:
     def test_undone_edits_are_not_made(self, sim: Simulation) -> None:
         before = sim.snapshot()
         with sim.fork() as copy:
-            copy.undo_stack.delete([MUG])
-            copy.undo_stack.undo()
-            copy.undo_stack.move(FRIDGE, Pose((4.0, 4.0, 1.0)))
-            copy.undo_stack.undo()
+            copy.edits.delete([MUG])
+            copy.edits.undo()
+            copy.edits.move(FRIDGE, Pose((4.0, 4.0, 1.0)))
+            copy.edits.undo()
             copy.commit()
         assert diff(before, sim.snapshot()).identical(1e-6)
 
     @pytest.mark.parametrize(
         ("change", "reason"),
         [
-            (lambda sim: sim.undo_stack.move(MUG, Pose((0.5, -2.0, 1.0))), "'Mug' has moved meanwhile"),
-            (lambda sim: sim.undo_stack.delete([MUG]), "added or removed meanwhile: Mug"),
+            (lambda sim: sim.edits.move(MUG, Pose((0.5, -2.0, 1.0))), "'Mug' has moved meanwhile"),
+            (lambda sim: sim.edits.delete([MUG]), "added or removed meanwhile: Mug"),
             (lambda sim: sim.highlight(MUG, "green"), "edited meanwhile"),
             (lambda sim: sim.close(), "closed"),
         ],
     )
     def test_it_is_refused_if_the_original_has_changed(self, sim: Simulation, change: object, reason: str) -> None:
         with sim.fork() as copy:
-            copy.undo_stack.move(DRAWER, copy.snapshot().body(DRAWER).pose)
+            copy.edits.move(DRAWER, copy.snapshot().body(DRAWER).pose)
             change(sim)  # type: ignore[operator]
             with pytest.raises(CommitError, match=reason):
                 copy.commit()
@@ -168,7 +168,7 @@ class TestCommit:
     def test_time_that_passed_in_the_original_is_no_change_if_nothing_moved(self, sim: Simulation) -> None:
         sim.step(5.0)
         with sim.fork() as copy:
-            copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=3.0), label="mass")
+            copy.edits.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=3.0), label="mass")
             sim.step(1.0)
             assert len(copy.commit()) == 1
 
@@ -189,8 +189,8 @@ class TestCommit:
             return apply(edit)
 
         with sim.fork() as copy:
-            copy.undo_stack.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
-            copy.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
+            copy.edits.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
+            copy.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
             sim.run_on_engine(lambda engine: setattr(engine, "apply", refuse))
             with pytest.raises(CommitError, match=r"pose of Mug: no body .* \(mass of Mug was done\)"):
                 copy.commit()
@@ -201,9 +201,9 @@ def test_an_engine_that_cannot_be_forked_is_copied_to_mujoco_from_its_snapshot()
         sim.spawn(kitchenette())
         sim.step(0.5)
         assert sim.joint(DOOR).open(0.5)
-        sim.undo_stack.move(MUG, Pose((0.5, -2.0, 0.05)))
-        sim.undo_stack.attach("Fridge", "Mug")
-        sim.undo_stack.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
+        sim.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
+        sim.edits.attach("Fridge", "Mug")
+        sim.edits.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
         before = sim.snapshot()
         with sim.fork() as copy:
             assert copy.engine_name == "mujoco"
@@ -235,7 +235,7 @@ def test_a_running_godot_world_is_imagined_in_mujoco(godot: Path) -> None:
             assert diff(before, sim.snapshot()).identical(0.0)
             sim.step(0.1)
         with sim.fork() as copy:
-            copy.undo_stack.delete([BodyId("chair_1")])
+            copy.edits.delete([BodyId("chair_1")])
             copy.commit()
         assert BodyId("chair_1") not in sim.state.ids
         assert mug.id not in sim.state.ids
@@ -250,7 +250,7 @@ def test_a_remote_world_is_imagined_in_mujoco() -> None:
                 assert copy.origin is not None
                 assert "cannot be forked" in copy.origin.notes[0]
                 assert diff(before, copy.snapshot()).identical(1e-4)
-                copy.undo_stack.delete([MUG])
+                copy.edits.delete([MUG])
                 assert MUG in served.simulation.state.ids
                 copy.commit()
             assert MUG not in served.simulation.state.ids
@@ -263,7 +263,7 @@ class TestImages:
         first, second = image.restore(), image.restore(threaded=True)
         assert state_bits(first) == state_bits(second) == bits
         first.step(1.0)
-        first.undo_stack.delete([BodyId("chair_1")])
+        first.edits.delete([BodyId("chair_1")])
         assert state_bits(second) == state_bits(image.restore()) == bits
         second.close()
 
@@ -305,7 +305,7 @@ class TestImages:
 def what_happens(sim: Simulation) -> tuple[bytes, list[str], list[str], tuple[object, ...]]:
     """What can be observed in the copy of the bundled kitchen after some edits and a second."""
     sim.place("CoffeeMug", on="table")
-    sim.undo_stack.move(BodyId("chair_1"), Pose((0.0, 0.0, 3.0)))
+    sim.edits.move(BodyId("chair_1"), Pose((0.0, 0.0, 3.0)))
     sim.step(1.0)
     answers = [*sim.ask("where_is", "chair_1"), *sim.ask("storage_place_in_environment", "Milk")]
     milk = sim.snapshot().body(BodyId("milk_carton_1")).iri
@@ -320,11 +320,11 @@ STEEL = Material(name="steel", color=(0.5, 0.5, 0.6))
 
 def edited(sim: Simulation) -> None:
     """Edits of every kind."""
-    sim.undo_stack.move(MUG, Pose((0.5, -2.0, 0.3), (0.0, 0.0, 0.0, 1.0)))
+    sim.edits.move(MUG, Pose((0.5, -2.0, 0.3), (0.0, 0.0, 0.0, 1.0)))
     sim.joint(DRAWER).move_to(-0.2)
-    sim.undo_stack.detach("FridgeHandle")
-    sim.undo_stack.attach("Drawer", "Mug")
-    sim.undo_stack.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
+    sim.edits.detach("FridgeHandle")
+    sim.edits.attach("Drawer", "Mug")
+    sim.edits.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
 
     def label_and_paint(engine: Engine) -> None:
         engine.apply(SetLabel(MUG, "My mug"))
@@ -339,7 +339,7 @@ def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engin
         sim.spawn(kitchenette())
         with sim.fork() as copy:
             edited(copy)
-            copy.undo_stack.delete([BodyId("FridgeHandle")])
+            copy.edits.delete([BodyId("FridgeHandle")])
             done = copy.commit()
             assert diff(copy.snapshot(), sim.snapshot()).identical(1e-3)
         assert "FridgeHandle detached" in done

@@ -85,7 +85,7 @@ def test_a_door_whose_handle_was_deleted_opens_the_same_way() -> None:
         with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
             simulation.spawn(kitchenette())
             door = simulation.joint("FridgeDoor")
-            simulation.undo_stack.delete(deleted)
+            simulation.edits.delete(deleted)
             assert door.open(0.8, timeout_s=30.0)
             found.append(door.position)
     assert found[0] == pytest.approx(found[1], abs=0.03)

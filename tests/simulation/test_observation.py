@@ -138,7 +138,7 @@ def test_a_spawn_names_what_was_spawned_and_what_was_not(sim: Simulation) -> Non
     assert details["edit"].world == kitchenette()
     assert "failed" not in details
     world = kitchenette()
-    sim.undo_stack.delete([DRAWER, MUG])
+    sim.edits.delete([DRAWER, MUG])
     log.taken()
     sim.spawn(replace(world, joints=(), attachments=()))
     ((kind, _, ids, details),) = log.taken()
@@ -150,10 +150,10 @@ def test_what_consists_of_several_edits_is_reported_as_one_with_all_bodies(sim: 
     log = Log()
     moved = SetPoses({MUG: Pose((1.0, 1.0, 1.0))})
     before = sim.snapshot().body(MUG).pose
-    sim.undo_stack.apply(moved)
+    sim.edits.apply(moved)
     sim.observe(log)
-    sim.undo_stack.undo()
-    sim.undo_stack.redo()
+    sim.edits.undo()
+    sim.edits.redo()
     assert log.taken() == [
         ("undo", "Python", (MUG,), {"edits": [SetPoses({MUG: before}, {})]}),
         ("redo", "Python", (MUG,), {"edits": [moved]}),

@@ -138,7 +138,7 @@ def test_questions_that_imagine_or_are_about_the_past_are_not_accepted(pool: Que
 
 def test_answers_follow_every_change_of_the_world_and_of_the_statements() -> None:
     with ms.open("bundled:kitchen") as simulation, running(simulation) as pool:
-        undo = simulation.undo_stack
+        undo = simulation.edits
         undo.move("milk_carton_1", Pose((1.0, 0.5, 1.5)))
         assert_same(simulation, pool)
         before = pool.process_ids
@@ -180,7 +180,7 @@ def test_an_answer_is_never_older_than_the_state_at_the_question(kitchen: Simula
     revisions = []
     for number in range(20):
         x = 0.5 + 0.01 * number
-        kitchen.undo_stack.move("milk_carton_2", Pose((x, 0.0, 1.5)))
+        kitchen.edits.move("milk_carton_2", Pose((x, 0.0, 1.5)))
         asked = pool.submit("pose_of", {"thing": "milk_carton_2"}, client=number)
         answered = asked.result.result(TIMEOUT_S)
         assert json.loads(answered.json)["answers"][0]["position"][0] == pytest.approx(x)

@@ -148,8 +148,8 @@ def test_names_and_sizes_decide_where_no_ontology_does(
 def test_a_deleted_wall_is_still_immovable_after_undo(load_map: LoadMap) -> None:
     _, simulation = load_map(*ROOM, *TABLEWARE)
     simulation.spawn()
-    simulation.undo_stack.delete([BodyId("tube")])
-    simulation.undo_stack.undo()
+    simulation.edits.delete([BodyId("tube")])
+    simulation.edits.undo()
     assert drift(simulation, 0.5)["tube"] < 1e-6
 
 

@@ -48,7 +48,7 @@ def test_many_random_edits_can_be_undone(start: str, tmp_path: Path) -> None:
 def test_a_planted_defect_is_found_and_its_edits_are_reduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def forgets(self: RandomEdits, rng: random.Random) -> object:
         body = self._body(rng)
-        self.sim.undo_stack.rename(body.id, f"label {rng.random()}")
+        self.sim.edits.set_label(body.id, f"label {rng.random()}")
         other = next(each for each in self.sim.snapshot().bodies if each.id != body.id)
         self.sim.run_on_engine(lambda engine: engine.apply(SetLabel(other.id, "not recorded")), edits=True)
         return "planted"

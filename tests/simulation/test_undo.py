@@ -55,113 +55,113 @@ def is_same(a: World, b: World) -> bool:
 
 
 def test_each_edit_can_be_undone_and_redone(sim: Simulation) -> None:
-    undo_stack, before = sim.undo_stack, sim.snapshot()
+    edits, before = sim.edits, sim.snapshot()
     edits = {
-        "pose of Mug": lambda: undo_stack.move(MUG, THERE),
-        "mass of Mug": lambda: undo_stack.set_physics(
+        "pose of Mug": lambda: edits.move(MUG, THERE),
+        "mass of Mug": lambda: edits.set_physics(
             MUG, BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=7.0), label="mass"
         ),
-        "materials of Mug": lambda: undo_stack.set_materials(MUG, [Material(name="gold", color=(1.0, 0.8, 0.0))]),
-        "label of Mug": lambda: undo_stack.rename(MUG, " cup of Ann "),
-        "Mug attached to Drawer": lambda: undo_stack.attach(DRAWER, MUG),
-        "DrawerHandle detached": lambda: undo_stack.detach(HANDLE),
-        "Mug deleted": lambda: undo_stack.delete([MUG]),
+        "materials of Mug": lambda: edits.set_materials(MUG, [Material(name="gold", color=(1.0, 0.8, 0.0))]),
+        "label of Mug": lambda: edits.set_label(MUG, " cup of Ann "),
+        "Mug attached to Drawer": lambda: edits.attach(DRAWER, MUG),
+        "DrawerHandle detached": lambda: edits.detach(HANDLE),
+        "Mug deleted": lambda: edits.delete([MUG]),
     }
     for label, edit in edits.items():
         edit()
         after = sim.snapshot()
         assert not is_same(before, after), label
-        assert undo_stack.undo() == label
+        assert edits.undo() == label
         assert is_same(before, sim.snapshot()), label
-        assert undo_stack.redo() == label
+        assert edits.redo() == label
         assert is_same(after, sim.snapshot()), label
-        assert undo_stack.undo() == label
+        assert edits.undo() == label
     assert is_same(before, sim.snapshot())
 
 
 def test_edits_are_undone_in_reverse_order_and_a_new_edit_clears_the_redo_history(sim: Simulation) -> None:
-    undo_stack = sim.undo_stack
-    undo_stack.move(MUG, THERE)
-    undo_stack.set_materials(MUG, [Material(name="gold")])
-    assert undo_stack.history.undo == ("materials of Mug", "pose of Mug")
-    undo_stack.undo()
-    assert (undo_stack.history.undo, undo_stack.history.redo) == (("pose of Mug",), ("materials of Mug",))
-    undo_stack.delete([HANDLE])
-    assert undo_stack.history.redo == ()
-    undo_stack.undo()
-    undo_stack.undo()
+    edits = sim.edits
+    edits.move(MUG, THERE)
+    edits.set_materials(MUG, [Material(name="gold")])
+    assert edits.history.undo == ("materials of Mug", "pose of Mug")
+    edits.undo()
+    assert (edits.history.undo, edits.history.redo) == (("pose of Mug",), ("materials of Mug",))
+    edits.delete([HANDLE])
+    assert edits.history.redo == ()
+    edits.undo()
+    edits.undo()
     with pytest.raises(NothingToUndoError, match="there is nothing to undo"):
-        undo_stack.undo()
-    undo_stack.redo()
-    undo_stack.redo()
+        edits.undo()
+    edits.redo()
+    edits.redo()
     with pytest.raises(NothingToUndoError, match="there is nothing to redo"):
-        undo_stack.redo()
+        edits.redo()
 
 
 def test_the_steps_of_a_drag_are_undone_together(sim: Simulation) -> None:
     before = sim.snapshot()
     for step in range(5):
-        sim.undo_stack.move(MUG, Pose((0.1 * step, -2.0, 0.05)), continues_last=step > 0)
-    assert sim.undo_stack.history.undo == ("pose of Mug",)
-    sim.undo_stack.undo()
+        sim.edits.move(MUG, Pose((0.1 * step, -2.0, 0.05)), continues_last=step > 0)
+    assert sim.edits.history.undo == ("pose of Mug",)
+    sim.edits.undo()
     assert is_same(before, sim.snapshot())
 
 
 def test_a_rejected_edit_is_not_recorded(sim: Simulation) -> None:
     before = sim.snapshot()
     with pytest.raises(BodyNotFoundError):
-        sim.undo_stack.move(BodyId("Mugg"), THERE)
+        sim.edits.move(BodyId("Mugg"), THERE)
     with pytest.raises(BodyNotFoundError):
-        sim.undo_stack.delete([MUG, BodyId("Mugg")])
+        sim.edits.delete([MUG, BodyId("Mugg")])
     with pytest.raises(AttachmentError):
-        sim.undo_stack.attach(MUG, MUG)
+        sim.edits.attach(MUG, MUG)
     with pytest.raises(PoseUnreachableError):
-        sim.undo_stack.move(MUG, Pose((float("nan"), 0.0, 0.0)))
-    assert sim.undo_stack.history.undo == ()
+        sim.edits.move(MUG, Pose((float("nan"), 0.0, 0.0)))
+    assert sim.edits.history.undo == ()
     assert sim.snapshot() == before
 
 
 @pytest.mark.parametrize("deleted", [[DOOR], [FRIDGE], [GRIP], [DOOR, FRIDGE], [FRIDGE, GRIP], [DOOR, FRIDGE, GRIP]])
 def test_a_deleted_door_is_restored_with_its_joint_position(sim: Simulation, deleted: list[BodyId]) -> None:
     joint = hinge(sim)
-    sim.undo_stack.move(DOOR, joint.pose_for("swing1", -0.5, poses(sim)))
+    sim.edits.move(DOOR, joint.pose_for("swing1", -0.5, poses(sim)))
     before = sim.snapshot()
-    sim.undo_stack.delete(deleted)
+    sim.edits.delete(deleted)
     assert not set(deleted) & set(sim.state.ids)
-    sim.undo_stack.undo()
+    sim.edits.undo()
     assert is_same(before, sim.snapshot())
     assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.5, abs=1e-6)
-    sim.undo_stack.move(DOOR, joint.pose_for("swing1", -0.7, poses(sim)))
+    sim.edits.move(DOOR, joint.pose_for("swing1", -0.7, poses(sim)))
     assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.7, abs=1e-6)
     if sim.engine_name == "mujoco":
         for out_of_range in (-0.8, 0.5):  # the latter is in the map's range, but in the fridge
             with pytest.raises(PoseUnreachableError):
-                sim.undo_stack.move(DOOR, joint.pose_for("swing1", out_of_range, poses(sim)))
+                sim.edits.move(DOOR, joint.pose_for("swing1", out_of_range, poses(sim)))
 
 
 def test_a_door_is_restored_at_the_current_pose_of_its_fridge(sim: Simulation) -> None:
     joint = hinge(sim)
-    sim.undo_stack.move(DOOR, joint.pose_for("swing1", -0.5, poses(sim)))
-    sim.undo_stack.delete([DOOR, GRIP])
+    sim.edits.move(DOOR, joint.pose_for("swing1", -0.5, poses(sim)))
+    sim.edits.delete([DOOR, GRIP])
     sim.run_on_engine(
         lambda engine: engine.apply(SetPoses({FRIDGE: Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0))})), edits=True
     )
-    sim.undo_stack.undo()
+    sim.edits.undo()
     assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.5, abs=1e-6)
     frame = next(each for each in sim.snapshot().joints if each.id == "FridgeHinge").pose
     assert frame.position == pytest.approx((-1.68, 0.7, 0.9))
 
 
 def test_a_detached_body_is_restored_at_its_relative_pose_after_its_parent_moved(sim: Simulation) -> None:
-    sim.undo_stack.detach(HANDLE)
+    sim.edits.detach(HANDLE)
     sim.run_on_engine(lambda engine: engine.apply(SetPoses({DRAWER: Pose((1.75, 0.0, 0.65))})), edits=True)
-    sim.undo_stack.undo()
+    sim.edits.undo()
     assert poses(sim)[HANDLE][:3] == pytest.approx((1.48, 0.0, 0.65), abs=1e-6)
     assert [each.child for each in sim.snapshot().attachments if each.parent == DRAWER] == [HANDLE]
 
 
 def test_moving_an_attached_body_to_another_parent_is_undone_and_redone_at_both_poses(sim: Simulation) -> None:
-    stack, place = sim.undo_stack, (1.95, 0.1, 0.7)
+    stack, place = sim.edits, (1.95, 0.1, 0.7)
     stack.move(MUG, Pose(place))
     stack.attach(DRAWER, MUG)
     before = sim.snapshot()
@@ -177,22 +177,22 @@ def test_moving_an_attached_body_to_another_parent_is_undone_and_redone_at_both_
 
 
 def test_an_edit_that_cannot_be_undone_is_removed_from_the_history(sim: Simulation) -> None:
-    sim.undo_stack.delete([MUG])
+    sim.edits.delete([MUG])
     mug = kitchenette().body("Mug")
     sim.spawn(replace(kitchenette(), bodies=(mug,), joints=(), attachments=()), persistent=False)
     with pytest.raises(BodyExistsError):
-        sim.undo_stack.undo()
-    assert sim.undo_stack.history.undo == ()
+        sim.edits.undo()
+    assert sim.edits.history.undo == ()
 
 
 def test_a_failed_undo_changes_nothing(sim: Simulation) -> None:
-    sim.undo_stack.attach(DRAWER, MUG)
-    sim.undo_stack.undo()
-    sim.undo_stack.redo()
+    sim.edits.attach(DRAWER, MUG)
+    sim.edits.undo()
+    sim.edits.redo()
     sim.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     before = sim.snapshot()
     with pytest.raises(WorldError):
-        sim.undo_stack.undo()
+        sim.edits.undo()
     assert sim.snapshot() == before
 
 
@@ -201,29 +201,29 @@ def test_a_spawn_can_be_undone_and_redone(sim: Simulation) -> None:
     cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=THERE)
     world = replace(kitchenette(), bodies=(cup,), joints=(), attachments=())
     sim.spawn(world, persistent=False, title="Cup added")
-    assert sim.undo_stack.undo() == "Cup added"
+    assert sim.edits.undo() == "Cup added"
     assert {body.id for body in sim.snapshot().bodies} == {body.id for body in before.bodies}
-    sim.undo_stack.redo()
+    sim.edits.redo()
     assert sim.snapshot().body("Cup").pose == THERE
 
 
 def test_a_reset_restores_the_spawned_world_and_can_be_undone(sim: Simulation) -> None:
     before = sim.snapshot()
-    sim.undo_stack.move(MUG, THERE)
+    sim.edits.move(MUG, THERE)
     cup = replace(kitchenette().body("Mug"), id=BodyId("Cup"), pose=Pose((1.0, -2.0, 0.05)))
     sim.spawn(replace(kitchenette(), bodies=(cup,), joints=(), attachments=()), persistent=False)
-    sim.undo_stack.delete([HANDLE])
+    sim.edits.delete([HANDLE])
     changed = sim.snapshot()
-    sim.undo_stack.reset()
+    sim.edits.reset()
     assert is_same(before, sim.snapshot()), "the mug is at its spawned pose, and the cup is removed"
-    assert sim.undo_stack.undo() == "reset"
+    assert sim.edits.undo() == "reset"
     assert is_same(changed, sim.snapshot())
 
 
 def test_a_cleared_simulation_has_nothing_to_undo(sim: Simulation) -> None:
-    sim.undo_stack.move(MUG, THERE)
+    sim.edits.move(MUG, THERE)
     sim.clear()
-    assert sim.undo_stack.history.undo == ()
+    assert sim.edits.history.undo == ()
 
 
 def test_the_knowledge_base_can_be_replaced(sim: Simulation) -> None:
@@ -287,31 +287,31 @@ def test_a_pull_opens_a_door_in_physics() -> None:
 
 
 def test_what_happens_in_a_context_is_one_step(sim: Simulation) -> None:
-    undo_stack = sim.undo_stack
-    undo_stack.move(MUG, THERE)
+    edits = sim.edits
+    edits.move(MUG, THERE)
     before = sim.snapshot()
-    with undo_stack.one_step("tidy up"):
-        undo_stack.delete([HANDLE])
+    with edits.one_step("tidy up"):
+        edits.delete([HANDLE])
         sim.run_on_engine(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
-        undo_stack.rename(MUG, "cup")
+        edits.set_label(MUG, "cup")
     after = sim.snapshot()
-    assert undo_stack.history.undo == ("tidy up", "pose of Mug"), "the edits within it are parts of it"
-    assert undo_stack.undo() == "tidy up"
+    assert edits.history.undo == ("tidy up", "pose of Mug"), "the edits within it are parts of it"
+    assert edits.undo() == "tidy up"
     assert is_same(before, sim.snapshot())
-    assert undo_stack.redo() == "tidy up"
+    assert edits.redo() == "tidy up"
     assert is_same(after, sim.snapshot())
-    undo_stack.undo()
-    assert undo_stack.undo() == "pose of Mug"
+    edits.undo()
+    assert edits.undo() == "pose of Mug"
 
 
 def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: Simulation) -> None:
-    with sim.undo_stack.one_step("wait"):
+    with sim.edits.one_step("wait"):
         sim.run_on_engine(lambda engine: engine.poses())
-    assert sim.undo_stack.history.undo == ()
-    with pytest.raises(RuntimeError), sim.undo_stack.one_step("fail"):  # noqa: PT012
+    assert sim.edits.history.undo == ()
+    with pytest.raises(RuntimeError), sim.edits.one_step("fail"):  # noqa: PT012
         sim.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
         raise RuntimeError
-    assert sim.undo_stack.history.undo == ("fail",)
+    assert sim.edits.history.undo == ("fail",)
 
 
 # -- what is simulated -------------------------------------------------------------------------------------------------
@@ -325,18 +325,18 @@ def physics() -> Iterator[Simulation]:
 
 
 def test_a_snapshot_has_a_joint_where_its_moved_holder_is(sim: Simulation) -> None:
-    sim.undo_stack.move(FRIDGE, Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0)))
+    sim.edits.move(FRIDGE, Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0)))
     before = sim.snapshot()
     frame = next(each for each in before.joints if each.id == "FridgeHinge").pose
     assert frame.position == pytest.approx((-1.68, 0.7, 0.9)), "before, it stayed where the fridge had been"
-    sim.undo_stack.delete([DOOR])
-    sim.undo_stack.undo()
+    sim.edits.delete([DOOR])
+    sim.edits.undo()
     assert is_same(before, sim.snapshot())
 
 
 def test_a_door_beyond_its_limit_is_restored_there(physics: Simulation) -> None:
     joint = hinge(physics)
-    physics.undo_stack.move(DOOR, joint.pose_for("swing1", -pi / 4, poses(physics)))
+    physics.edits.move(DOOR, joint.pose_for("swing1", -pi / 4, poses(physics)))
     point = joint.pull_target("swing1", -1.2, poses(physics))
     physics.pull(DOOR, point=point.point, target=point.target)
     physics.step(1.0)
@@ -344,11 +344,11 @@ def test_a_door_beyond_its_limit_is_restored_there(physics: Simulation) -> None:
     beyond = joint.positions(poses(physics))["swing1"]
     assert beyond < -pi / 4 - 1e-5, "the limit is soft"
     for edit in (
-        lambda: physics.undo_stack.delete([DOOR, GRIP]),
-        lambda: physics.undo_stack.move(DOOR, joint.pose_for("swing1", -0.2, poses(physics))),
+        lambda: physics.edits.delete([DOOR, GRIP]),
+        lambda: physics.edits.move(DOOR, joint.pose_for("swing1", -0.2, poses(physics))),
     ):
         edit()
-        physics.undo_stack.undo()
+        physics.edits.undo()
         assert joint.positions(poses(physics))["swing1"] == pytest.approx(beyond, abs=1e-6)
 
 
@@ -357,8 +357,8 @@ def test_a_robot_stands_again_after_a_deletion_and_some_time(physics: Simulation
     robot = add_robot(physics, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
     physics.step(0.2)
     before, commands = physics.snapshot(), physics.run_on_engine(lambda engine: engine.actuator_states())
-    physics.undo_stack.delete([BodyId(link)])
-    physics.undo_stack.undo()
+    physics.edits.delete([BodyId(link)])
+    physics.edits.undo()
     assert is_same(before, physics.snapshot())
     restored = physics.run_on_engine(lambda engine: engine.actuator_states())
     assert {name: each.command for name, each in restored.items()} == {
@@ -367,9 +367,9 @@ def test_a_robot_stands_again_after_a_deletion_and_some_time(physics: Simulation
     height = robot.link_pose("head_pan_link")[2]
     physics.step(0.5)
     assert robot.link_pose("head_pan_link")[2] == pytest.approx(height, abs=0.01), "its drives hold it"
-    physics.undo_stack.delete([BodyId(link)])
+    physics.edits.delete([BodyId(link)])
     physics.step(0.1)
-    physics.undo_stack.undo()
+    physics.edits.undo()
     assert robot.exists
     assert len(physics.run_on_engine(lambda engine: engine.actuator_states())) == len(commands)
 
@@ -378,17 +378,17 @@ def test_bodies_that_move_one_another_are_moved_back(sim: Simulation) -> None:
     before = sim.snapshot()
     moves = {GRIP: Pose((1.0, 3.0, 1.0)), FRIDGE: Pose((2.5, 2.0, 0.9)), HANDLE: Pose((1.0, -1.0, 0.6))}
     for order in (list(moves), list(moves)[::-1]):
-        sim.undo_stack.move_all({id: moves[id] for id in order})
-        sim.undo_stack.undo()
+        sim.edits.move_all({id: moves[id] for id in order})
+        sim.edits.undo()
         assert is_same(before, sim.snapshot())
 
 
 def test_a_robot_that_cannot_be_added_deletes_nothing(physics: Simulation) -> None:
     for name in ("ann", "bob"):
         add_robot(physics, "mobile_manipulator", Pose((0.3, -1.5 if name == "ann" else 2.5, 0.0)), name=name)
-    physics.undo_stack.rename(MUG, "x")
+    physics.edits.set_label(MUG, "x")
     find_robot(physics, "bob").remove()
-    physics.undo_stack.reset()  # its bodies are there again
+    physics.edits.reset()  # its bodies are there again
     before = set(physics.state.ids)
     with pytest.raises(RobotModelError):
         add_robot(physics, "mobile_manipulator", name="bob")

@@ -90,7 +90,7 @@ def test_what_is_dropped_is_where_the_ghost_was_and_is_undone_at_once(adding: Ad
     assert body.pose.position == pytest.approx(expected, abs=0.02)
     assert (body.size, body.cls.split("#")[-1]) == (SIZE, CUP)
     assert adding.ghost(1) == {}
-    adding.sim.undo_stack.undo()
+    adding.sim.edits.undo()
     assert set(adding.sim.state.ids) == before
 
 
@@ -130,7 +130,7 @@ def test_a_body_is_added_where_the_camera_of_the_page_looks(adding: Adding) -> N
     adding.look((2.0, 0.2, 6.0), (2.0, 0.2, 0.0))
     seen = adding.ask("add", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(seen)).pose.position == pytest.approx((2.0, 0.2, 0.85), abs=0.03)
-    adding.sim.undo_stack.undo()
+    adding.sim.edits.undo()
     assert seen not in adding.sim.state.ids
 
 
@@ -142,7 +142,7 @@ def test_a_body_is_added_at_a_point_or_on_a_body(adding: Adding) -> None:
     on = adding.ask("add", on="Fridge", size=SIZE, cls=CUP)
     assert adding.sim.snapshot().body(BodyId(on)).pose.position[2] == pytest.approx(1.85, abs=0.01)
     for id in (on, blind, there):
-        adding.sim.undo_stack.undo()
+        adding.sim.edits.undo()
         assert id not in adding.sim.state.ids
 
 

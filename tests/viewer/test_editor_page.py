@@ -140,7 +140,7 @@ def test_deleting_asks_about_parts_and_the_history_goes_back(
     tab.page.keyboard.press("Delete")
     tab.page.locator("[data-choice=all]").click()
     wait_until(lambda: len(simulation.state.ids) == 5, "the fridge is deleted with its door and handle")
-    simulation.undo_stack.move(MUG, Pose((1.0, 0.0, 0.85)))
+    simulation.edits.move(MUG, Pose((1.0, 0.0, 0.85)))
     tab.open_panel("history")
     wait_until(lambda: history(tab) == ["Start", "Fridge with 2 more deleted", "pose of Mug"], "both steps are listed")
     tab.page.locator("[data-step='0']").click()

@@ -249,9 +249,9 @@ def test_each_open_copy_is_a_layer_until_it_is_closed(
     assert update() == []
     nodes.show("end poses", [group(MUG, (8, 0, 0))], APPEARANCES)
     first, second = sim.fork(), sim.fork()
-    first.undo_stack.move(MUG, Pose((1.0, 0.0, 0.85)))
-    second.undo_stack.move(MUG, Pose((2.0, 0.0, 1.35)))
-    second.undo_stack.move(DRAWER, Pose((1.75, 0.0, 0.65)))
+    first.edits.move(MUG, Pose((1.0, 0.0, 0.85)))
+    second.edits.move(MUG, Pose((2.0, 0.0, 1.35)))
+    second.edits.move(DRAWER, Pose((1.75, 0.0, 0.65)))
     second.step(0.5)
     found = update()
     assert found is not None
@@ -264,13 +264,13 @@ def test_each_open_copy_is_a_layer_until_it_is_closed(
     assert drawn(server)["copy%202/Mug"] == [pytest.approx([2.0, 0.0, 1.35])]
     assert nodes.layers == {"end poses", "copy 1", "copy 2"}
     assert shown.update(sim, sim.state, APPEARANCES) is None, "it is not due again"
-    second.undo_stack.undo()
-    second.undo_stack.undo()
-    second.undo_stack.delete([FLOOR])
+    second.edits.undo()
+    second.edits.undo()
+    second.edits.delete([FLOOR])
     update()
     assert nodes.layers == {"end poses", "copy 1"}, "nothing is elsewhere in the second one any more"
     third = sim.fork()
-    third.undo_stack.move(MUG, Pose((3.0, 0.0, 0.85)))
+    third.edits.move(MUG, Pose((3.0, 0.0, 0.85)))
     first.close()
     found = update()
     assert found is not None
@@ -282,7 +282,7 @@ def test_each_open_copy_is_a_layer_until_it_is_closed(
     assert [each["number"] for each in found] == [2, 3]
     assert nodes.layers == {"end poses"}
     shown.is_shown = True
-    sim.undo_stack.move(MUG, Pose((3.0, 0.0, 0.85)))
+    sim.edits.move(MUG, Pose((3.0, 0.0, 0.85)))
     found = update()
     assert found is not None
     assert [each["differing"] for each in found] == [1, 0], "the third one is now as the original"

@@ -156,7 +156,7 @@ def test_details_of_the_selected_body_include_live_pose_and_joints(
     client.ask("select", id="Drawer")
     eventually(client, "live_details", lambda live: live["id"] == "Drawer", "the pose is received")
     assert client.latest["live_details"]["joints"] == {"DrawerSlide": {"x": 0.0}}
-    physics_simulation.undo_stack.move(DRAWER, Pose((1.75, 0.0, 0.65)))
+    physics_simulation.edits.move(DRAWER, Pose((1.75, 0.0, 0.65)))
     eventually(
         client,
         "live_details",
@@ -287,7 +287,7 @@ def test_a_slider_in_a_paused_simulation_moves_the_drawer_in_one_edit(
         client.ask("move_joint", id="DrawerSlide", axis="x", value=value, done=False)
     client.ask("move_joint", id="DrawerSlide", axis="x", value=-0.3)
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.65)
-    assert physics_simulation.undo_stack.history.undo == ("pose of Drawer",)
+    assert physics_simulation.edits.history.undo == ("pose of Drawer",)
     client.ask("undo")
     assert at(physics_simulation, DRAWER)[0] == pytest.approx(1.95)
 
@@ -413,7 +413,7 @@ def test_a_saved_map_can_be_loaded_without_loss(
     assert (lost.only_in_a, lost.only_in_b) == ((), ())
     assert lost.identical(1e-6) or options.get("dialect") == "soma"
     wait_until(lambda: len(names(client)) == 8, "the page is updated")
-    assert physics_simulation.undo_stack.history.undo == ()
+    assert physics_simulation.edits.history.undo == ()
     assert client.ask("save", **options)["text"], "a loaded map can be saved"
 
 

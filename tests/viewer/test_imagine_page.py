@@ -213,7 +213,7 @@ def test_a_plan_is_done_and_undone(tab: PageTab, simulation: Simulation) -> None
     assert tab.page.locator("[data-outcome]").get_attribute("data-outcome") == "succeeded"
     moved = simulation.snapshot().body("Mug").pose.position
     assert np.subtract(moved, before) == pytest.approx([0.0, 0.1, 0.0], abs=2e-3)
-    assert simulation.undo_stack.history.undo[:1] == ("plan",)
+    assert simulation.edits.history.undo[:1] == ("plan",)
     tab.click_button("imagine-undo")
     wait_until(
         lambda: np.allclose(simulation.snapshot().body("Mug").pose.position, before, atol=1e-4), "the mug is back"

@@ -109,7 +109,7 @@ def test_a_plan_is_done_in_the_world_as_one_step_that_can_be_undone(page: FakePa
     assert (found["state"], found["outcome"]) == ("acted", "succeeded")
     assert re.match(r"done in 0\.[23] s$", found["why"])
     assert sim.snapshot().body(MUG).pose.position == pytest.approx((0.0, -1.0, 0.05), abs=0.01)
-    sim.undo_stack.undo()
+    sim.edits.undo()
     assert sim.snapshot().body(MUG).pose.position == pytest.approx(before.position, abs=0.01)
     page.ask("imagine.act", plan=FALLS)
     found = ended(page)
@@ -179,7 +179,7 @@ def test_an_engine_without_physics_is_imagined_by_one_with_it() -> None:
 
 def test_open_copies_are_listed_with_how_many_bodies_are_elsewhere(page: FakePage, sim: Simulation) -> None:
     with sim.fork() as copy:
-        copy.undo_stack.move(MUG, Pose((0.0, -1.0, 0.05)))
+        copy.edits.move(MUG, Pose((0.0, -1.0, 0.05)))
         wait_until(lambda: (page.latest_value("copies") or {}).get("copies"), "it is listed")
         wait_until(lambda: page.latest_value("copies")["copies"][0]["differing"] == 1, "the mug is elsewhere")
         (found,) = page.latest_value("copies")["copies"]

@@ -167,5 +167,5 @@ def test_shadows_are_drawn_again_only_if_something_has_changed(
     ann.page.mouse.wheel(0, 120)
     ann.page.wait_for_timeout(300)
     assert ann.page.evaluate(_DRAW, 2) == drawn, "the shadow map does not depend on the camera"
-    simulation.undo_stack.move("Mug", Pose((1.9, 0.1, 0.85)))  # type: ignore[arg-type]
+    simulation.edits.move("Mug", Pose((1.9, 0.1, 0.85)))  # type: ignore[arg-type]
     wait_until(lambda: ann.page.evaluate(_DRAW, 1) > drawn, "the shadow of the mug has moved")

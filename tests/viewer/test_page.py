@@ -81,7 +81,7 @@ def test_a_lost_connection_is_shown_and_reconnects(simulation: Simulation, viewe
     with Viewer(simulation, port=port) as again:
         assert again.url == viewer.url
         wait_until(lambda: not tab.page.locator("#disconnected").is_visible(), "the page is connected again")
-        simulation.undo_stack.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
+        simulation.edits.move(BodyId("Mug"), Pose((1.0, 0.0, 0.85)))
         wait_until(
             lambda: (tab.live() or {"pose": {"position": []}})["pose"]["position"][:1] == [1.0],
             "live details are received",
@@ -251,7 +251,7 @@ def test_properties_are_edited_and_undone(simulation: Simulation, viewer: Viewer
     )
     for _ in range(4):
         tab.click_button("undo")
-    wait_until(lambda: not simulation.undo_stack.history.undo, "everything is undone")
+    wait_until(lambda: not simulation.edits.history.undo, "everything is undone")
     assert simulation.snapshot().body("Mug") == kitchenette().body("Mug")
 
 
@@ -337,11 +337,11 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
     saved = tmp_path / download.value.suggested_filename
     download.value.save_as(saved)
     assert saved.name == "map.ttl"
-    simulation.undo_stack.delete([BodyId("Mug"), BodyId("Fridge")])
+    simulation.edits.delete([BodyId("Mug"), BodyId("Fridge")])
     tab.page.locator("[data-role=upload]").set_input_files(saved)
     wait_until(lambda: len(simulation.state.ids) == 8, "all bodies are restored")
     wait_until(lambda: tab.shows_text("map: 8 bodies, 2 joints"), "the page shows it")
-    simulation.undo_stack.delete([BodyId("Mug")])
+    simulation.edits.delete([BodyId("Mug")])
     drop = """text => {
         const transfer = new DataTransfer();
         transfer.items.add(new File([text], "dropped.ttl"));

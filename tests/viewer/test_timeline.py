@@ -225,7 +225,7 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
             sim.step(2.0)
             wait_until(lambda: other.latest_value("recording")["time_s"] == 2, "and for how long")
             assert not other.latest_value("recording")["failed"]
-            sim.undo_stack.delete([MUG])
+            sim.edits.delete([MUG])
             stopped = other.ask("recording.stop")
             wait_until(lambda: client.latest_value("recording")["path"] is None, "it has ended")
     assert name.startswith("Ann-s-kitchen-2-2")

@@ -266,5 +266,5 @@ def test_a_gizmo_moves_the_selected_body_in_steps_and_puts_it_down(
     assert y / 0.25 == pytest.approx(round(y / 0.25)), "it is moved by steps"
     assert z == pytest.approx(0.9, abs=0.005), "it is put down on the floor"
     wait_until(lambda: not ann.is_drawn("/previews/Fridge"), "the preview is removed")
-    simulation.undo_stack.undo()
+    simulation.edits.undo()
     assert position(simulation, "Fridge") == pytest.approx(start)

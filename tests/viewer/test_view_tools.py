@@ -148,7 +148,7 @@ def test_what_is_hidden_clipped_or_moved_away_is_not_met(tools: Tools) -> None:
     tools.look((2.0, 0.0, 5.0), (2.0, 3.0, 6.0), 1)
     assert tools.ask("pick", **below) is None, "it looks up, and everything above is clipped"
     tools.views.set_clip_height(None, client=3)
-    tools.sim.undo_stack.move(MUG, Pose((3.0, 0.0, 0.85)))
+    tools.sim.edits.move(MUG, Pose((3.0, 0.0, 0.85)))
     tools.draw()
     tools.views.process_queue()
     tools.look((3.0, 0.0, 5.0), (3.0, 0.0, 0.0), 1)

@@ -200,7 +200,7 @@ def test_unknown_bodies_cannot_be_selected(viewer: Viewer) -> None:
 def test_a_body_moved_with_the_gizmo_can_be_moved_back_by_undo(simulation: Simulation, viewer: Viewer) -> None:
     viewer._place_body(0, MUG, Pose((1.0, 0.0, 0.85)), to_surface=False)
     assert simulation.snapshot().body("Mug").pose.position == (1.0, 0.0, 0.85)
-    simulation.undo_stack.undo()
+    simulation.edits.undo()
     assert simulation.snapshot().body("Mug").pose == kitchenette().body("Mug").pose
 
 

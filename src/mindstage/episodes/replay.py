@@ -455,7 +455,7 @@ class EpisodeReplay(Simulation):
 
         self.pause()
         self.run_on_engine(end, label="return", edits=True)
-        self.undo_stack.clear()
+        self.edits.clear()
 
     @checked
     def pull(self, id: BodyId, *, point: Point, target: Point) -> None:

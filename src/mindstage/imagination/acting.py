@@ -105,7 +105,7 @@ def act(
     file = load_plan(plan)
     certain = msgspec.structs.replace(file, plan=msgspec.structs.replace(file.plan, uncertainty=()))
     runner = PlanRunner(simulation, certain, seed=seed)
-    with simulation.undo_stack.one_step(file.plan.name or "plan"):
+    with simulation.edits.one_step(file.plan.name or "plan"):
         sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
         return complete(sample, lambda duration_s: _let_pass(simulation, duration_s), stop=stop)
 

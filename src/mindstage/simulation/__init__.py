@@ -9,11 +9,12 @@ from mindstage.simulation.joint_motion import JointMotion, SimulationJoint
 from mindstage.simulation.observation import ClientDirectory, ConnectedClient
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import SimulationBody, StateSnapshot
-from mindstage.simulation.undo import UndoHistory, UndoStack
+from mindstage.simulation.undo import Edits, UndoHistory
 
 __all__ = [
     "ClientDirectory",
     "ConnectedClient",
+    "Edits",
     "EngineStats",
     "ForkOrigin",
     "HighlightGroup",
@@ -31,7 +32,6 @@ __all__ = [
     "SpawnRecord",
     "StateSnapshot",
     "UndoHistory",
-    "UndoStack",
     "UnhighlightedItem",
 ]
 

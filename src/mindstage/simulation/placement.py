@@ -304,7 +304,7 @@ def _try_move(simulation: EngineSession, body: Body, title: str) -> Pose | None:
     timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
     rest_pose = simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
     if rest_pose is not None:
-        (simulation.undo_stack.apply if title else simulation.apply)(SetPoses({body.id: rest_pose}, title=title))
+        (simulation.edits.apply if title else simulation.apply)(SetPoses({body.id: rest_pose}, title=title))
     return rest_pose
 
 

@@ -79,7 +79,7 @@ from mindstage.simulation.observation import (
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
 from mindstage.simulation.state import SessionEdit, SimulationBody, StateSnapshot, find_body
-from mindstage.simulation.undo import StartState, UndoStack
+from mindstage.simulation.undo import Edits, StartState
 
 if TYPE_CHECKING:
     from mindstage.geometry.fit import MeshProvider
@@ -155,7 +155,7 @@ class Simulation:
         self.knowledge = knowledge
         self.timeout_s = timeout_s
         self.clients = ClientDirectory()
-        self.undo_stack = UndoStack(self)
+        self.edits = Edits(self)
         self._longest_part_s: float = _STEP_CHUNK_S
         self._use_engine(engine)
         self._geometry_provider = GeometryProvider(knowledge, primitive_shapes=primitive_shapes, meshes=meshes)
@@ -300,7 +300,7 @@ class Simulation:
             persistent=persistent,
             title=title,
         )
-        applied = (self.undo_stack.apply if title else self.apply)(edit, timeout_s=timeout_s)
+        applied = (self.edits.apply if title else self.apply)(edit, timeout_s=timeout_s)
         report = with_immovable_notes(applied.report, immovable)
         report = with_geometry_notes(report, fitted, (body.id for body in description.bodies))
         self._reports = tuple(report if each is applied.report else each for each in self._reports)
@@ -318,7 +318,7 @@ class Simulation:
         leads_to: SavedState | None = None,
         timeout_s: Timeout | None = None,
     ) -> Applied:
-        """Makes an edit, which is no step of the undo history; see `UndoStack.apply`.
+        """Makes an edit, which is no step of the undo history; see `Edits.apply`.
 
         Args:
             edit: the edit.
@@ -483,7 +483,7 @@ class Simulation:
             self._highlights.reapply(engine)
 
         self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
-        self.undo_stack.clear()
+        self.edits.clear()
 
     def clear(self) -> None:
         """Removes all worlds, and clears the undo history."""
@@ -498,7 +498,7 @@ class Simulation:
             self._controllers, self._robots = ControllerSchedule(caught=self._caught), {}
 
         self.run_on_engine(clear, label="clear", edits=True)
-        self.undo_stack.clear()
+        self.edits.clear()
 
     def set_knowledge(self, knowledge: KnowledgeBase) -> None:
         """Removes all worlds and replaces the knowledge base."""

@@ -143,7 +143,7 @@ class EngineSession(WorldSession, Protocol):
     """The part of `Simulation` that placement, undo and joint motion use."""
 
     timeout_s: float
-    undo_stack: Any
+    edits: Any
 
     @property
     def reports(self) -> tuple[SpawnReport, ...]:

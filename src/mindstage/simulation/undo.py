@@ -39,7 +39,7 @@ from mindstage.scene.edits import (
 from mindstage.simulation.body_groups import find_dependents
 from mindstage.simulation.state import EngineSession
 
-__all__ = ["StartState", "UndoHistory", "UndoStack"]
+__all__ = ["Edits", "StartState", "UndoHistory"]
 
 _MOVED_M, _TURNED_RAD = 0.001, 0.009
 """A body that moved and turned by less counts as not moved."""
@@ -71,7 +71,7 @@ class UndoHistory(msgspec.Struct, frozen=True):
     redo: tuple[str, ...] = ()
 
 
-class UndoStack:
+class Edits:
     """Applies edits to a simulation, and undoes and redoes them; may be called from any thread."""
 
     def __init__(self, simulation: EngineSession) -> None:
@@ -161,7 +161,7 @@ class UndoStack:
         """
         self.apply(SetMaterials(id, tuple(materials)))
 
-    def rename(self, id: BodyId, label: str) -> None:
+    def set_label(self, id: BodyId, label: str) -> None:
         """Sets the label of a body, which people see instead of its id; an empty one removes it. The id stays.
 
         Raises:

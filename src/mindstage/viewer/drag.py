@@ -143,7 +143,7 @@ class DragController:
 
     def _record(self, before: dict[BodyId, Pose], label: str) -> None:
         try:
-            self._simulation.undo_stack.record_motion(before, label=label)
+            self._simulation.edits.record_motion(before, label=label)
         except SimulationError as error:
             _log.warning("%s: it cannot be undone: %s", label, error)
 

@@ -1,6 +1,6 @@
 """Edits of the world that pages request; any client can undo them.
 
-All edits go through `Simulation.undo_stack`, which has one history for all clients.
+All edits go through `Simulation.edits`, which has one history for all clients.
 """
 
 from __future__ import annotations
@@ -137,13 +137,13 @@ class GoToRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def history_message(simulation: Simulation) -> dict[str, object]:
     """The history of edits for the topic `history`: the steps that are done, oldest first, and those to redo."""
-    history = simulation.undo_stack.history
+    history = simulation.edits.history
     return {
         "undo": next(iter(history.undo), None),
         "redo": next(iter(history.redo), None),
         "done": history.undo[::-1],
         "undone": history.redo,
-        "version": simulation.undo_stack.version,
+        "version": simulation.edits.version,
     }
 
 
@@ -186,11 +186,11 @@ class EditHandler:
         """
         self._simulation, self._find_joint = simulation, find_joint
         self._joint_drags: dict[BodyId, _JointDrag] = {}
-        undo_stack = simulation.undo_stack
+        edits = simulation.edits
         channel.register("move", MoveRequest, self._move, EDIT)
         channel.register("set_physics", SetPhysicsRequest, self._set_physics, EDIT)
         channel.register("set_material", SetMaterialRequest, self._set_material, EDIT)
-        channel.register("rename", RenameRequest, lambda _, request: undo_stack.rename(request.id, request.label), EDIT)
+        channel.register("rename", RenameRequest, lambda _, request: edits.set_label(request.id, request.label), EDIT)
         channel.register("move_joint", MoveJointRequest, self._move_joint, EDIT)
         channel.register("attach", AttachRequest, self._attach, EDIT)
         channel.register("move_all", MoveAllRequest, self._move_all, EDIT)
@@ -200,8 +200,8 @@ class EditHandler:
         channel.register("duplicate", BodiesRequest, self._duplicate, EDIT)
         channel.register("paste", PasteRequest, self._paste, SPAWN)
         channel.register("go_to_step", GoToRequest, self._go_to, EDIT)
-        channel.register("undo", EmptyRequest, lambda _, __: undo_stack.undo(), EDIT)
-        channel.register("redo", EmptyRequest, lambda _, __: undo_stack.redo(), EDIT)
+        channel.register("undo", EmptyRequest, lambda _, __: edits.undo(), EDIT)
+        channel.register("redo", EmptyRequest, lambda _, __: edits.redo(), EDIT)
         channel.on_disconnect(self._release)
 
     def publish(self, snapshot: StateSnapshot) -> None:
@@ -224,13 +224,13 @@ class EditHandler:
     def _move(self, _: ClientSession, request: MoveRequest) -> None:
         if not any(request.quaternion):
             raise InvalidArgumentError("quaternion", cause="its norm is 0")
-        self._simulation.undo_stack.move(request.id, Pose(request.position, request.quaternion))
+        self._simulation.edits.move(request.id, Pose(request.position, request.quaternion))
 
     def _move_all(self, _: ClientSession, request: MoveAllRequest) -> None:
         poses = {id: Pose(pose.position, pose.quaternion) for id, pose in request.poses.items()}
         if not all(any(pose.quaternion) for pose in poses.values()):
             raise InvalidArgumentError("quaternion", cause="its norm is 0")
-        self._simulation.undo_stack.move_all(poses)
+        self._simulation.edits.move_all(poses)
 
     def move_group(
         self,
@@ -255,13 +255,13 @@ class EditHandler:
             pose = _put_down(msgspec.structs.replace(bodies[id], pose=pose), below)
         moved = moved_with(world.body(id).pose, pose, group)
         if not moved:
-            self._simulation.undo_stack.move(id, pose)
+            self._simulation.edits.move(id, pose)
         else:
-            self._simulation.undo_stack.move_all({id: pose, **moved})
+            self._simulation.edits.move_all({id: pose, **moved})
 
     def _delete(self, _: ClientSession, request: DeleteRequest) -> tuple[BodyId, ...]:
-        undo_stack = self._simulation.undo_stack
-        return undo_stack.delete(request.ids, parts=request.parts, contents=request.contents)
+        edits = self._simulation.edits
+        return edits.delete(request.ids, parts=request.parts, contents=request.contents)
 
     def _dependents(self, _: ClientSession, request: BodiesRequest) -> Dependents:
         return find_dependents(self._simulation.snapshot(), request.ids)
@@ -279,7 +279,7 @@ class EditHandler:
         return paste_group(self._simulation, group, verb=verb)
 
     def _go_to(self, _: ClientSession, request: GoToRequest) -> None:
-        self._simulation.undo_stack.go_to(request.position, version=request.version)
+        self._simulation.edits.go_to(request.position, version=request.version)
 
     def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
         changes = {
@@ -288,24 +288,24 @@ class EditHandler:
             if (value := getattr(request, name)) is not msgspec.UNSET
         }
         physics: BodyPhysics = msgspec.structs.replace(self._body(request.id).physics, **changes)
-        self._simulation.undo_stack.set_physics(
+        self._simulation.edits.set_physics(
             request.id, physics, label=" and ".join(changes).replace("_kg", "") or "physics"
         )
 
     def _set_material(self, _: ClientSession, request: SetMaterialRequest) -> None:
         if not request.name and request.color is None:
-            self._simulation.undo_stack.set_materials(request.id, ())
+            self._simulation.edits.set_materials(request.id, ())
             return
         current = next((each for each in self._body(request.id).materials if each.name == request.name), None)
         color = None if request.color is None else parse_color(request.color)
         material = Material(name=request.name or "paint", path=current.path if current else "", color=color)
-        self._simulation.undo_stack.set_materials(request.id, (material,))
+        self._simulation.edits.set_materials(request.id, (material,))
 
     def _attach(self, _: ClientSession, request: AttachRequest) -> None:
         if request.parent is None:
-            self._simulation.undo_stack.detach(request.child)
+            self._simulation.edits.detach(request.child)
         else:
-            self._simulation.undo_stack.attach(request.parent, request.child)
+            self._simulation.edits.attach(request.parent, request.child)
 
     def _body(self, id: BodyId) -> Body:
         return self._simulation.snapshot().body(id)
@@ -330,12 +330,12 @@ class EditHandler:
         if not snapshot.playing:
             value, blocked_by = JointClearance(self._simulation, joint).limit(request.axis, request.value, poses)
             pose = joint.pose_for(request.axis, value, poses)
-            self._simulation.undo_stack.move(joint.moving_body, pose, continues_last=previous is not None)
+            self._simulation.edits.move(joint.moving_body, pose, continues_last=previous is not None)
             return MoveJointReply(value, blocked_by)
         pull = joint.pull_target(request.axis, request.value, poses)
         self._simulation.pull(pull.id, point=pull.point, target=pull.target)
         if request.done:
-            self._simulation.undo_stack.record(SetPoses({joint.moving_body: start_pose}, {}))
+            self._simulation.edits.record(SetPoses({joint.moving_body: start_pose}, {}))
         return MoveJointReply(request.value)
 
     def _release(self, session: ClientSession) -> None:

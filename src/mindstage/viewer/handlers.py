@@ -1,6 +1,6 @@
 """Handlers of the requests of pages: editing, files, simulation control, details, and the client's 3D view.
 
-Edits go through `Simulation.undo_stack`, so that they can be undone. An uploaded map is untrusted: its size is limited,
+Edits go through `Simulation.edits`, so that they can be undone. An uploaded map is untrusted: its size is limited,
 one that imports what is not loaded is refused, and no file of this machine is read for it. It is parsed before the
 current world is replaced, so that an invalid map changes nothing.
 """
@@ -230,7 +230,7 @@ class WorldHandler:
         channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed), EDIT)
         channel.register("pause", EmptyRequest, lambda _, __: simulation.pause(), EDIT)
         channel.register("step", StepRequest, self._step, RUN)
-        channel.register("reset", EmptyRequest, lambda _, __: simulation.undo_stack.reset(), EDIT)
+        channel.register("reset", EmptyRequest, lambda _, __: simulation.edits.reset(), EDIT)
         channel.register("details", DetailsRequest, self._details, READ, queue="details")
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------

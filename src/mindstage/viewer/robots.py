@@ -240,7 +240,7 @@ class _SkillRun:
     def _run(self, motion: Generator[float, None, SkillResult]) -> None:
         try:
             what = " ".join([self.name.replace("_", " "), *self._args.values()])
-            with as_client(CLIENT), self._simulation.undo_stack.one_step(f"{self._robot_name}: {what}"):
+            with as_client(CLIENT), self._simulation.edits.one_step(f"{self._robot_name}: {what}"):
                 self._result = self._perform(motion)
         except MindstageError as error:
             self._error = without_paths(str(error))
