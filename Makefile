@@ -63,6 +63,7 @@ check: .venv/dev.stamp  ## style, types, package structure, and that generated f
 	@$(python) scripts/make_limits.py --check
 	@$(python) scripts/make_sizes.py --check
 	@$(python) scripts/make_errors.py --check
+	@$(python) scripts/make_flows.py --check
 	@$(python) scripts/join_changes.py >/dev/null
 	@$(python) -m pytest -q tests/test_project.py
 

@@ -41,7 +41,7 @@ def takes_maps(verb: Any) -> bool:
 
 def test_the_verbs_that_take_maps_are_found() -> None:
     without = {name for name, verb in VERBS.items() if not takes_maps(verb)}
-    assert without == {"demo", "episode", "questions"}
+    assert without == {"demo", "episode", "plugins", "questions"}
 
 
 @pytest.mark.parametrize("name", [name for name, verb in VERBS.items() if takes_maps(verb)])
@@ -58,7 +58,7 @@ def test_every_convention_has_an_option() -> None:
 @pytest.mark.parametrize("name", ["open", "load", "diff", "connect", "load_knowledge"])
 def test_a_function_that_takes_maps_takes_all_options_of_reading_them(name: str) -> None:
     parameters = inspect.signature(getattr(api, name)).parameters
-    assert parameters.keys() >= {"ontologies", "bundled_ontology", "robots", "conventions"}
+    assert parameters.keys() >= {"ontologies", "bundled_ontology", "urdf", "conventions"}
 
 
 @pytest.fixture

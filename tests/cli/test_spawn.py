@@ -65,15 +65,14 @@ def test_a_failed_body_exits_1(run: Run, write_map: WriteMap, monkeypatch: pytes
     from mindstage.engines import Applied, NullEngine, SpawnFailure
     from mindstage.scene.edits import Edit
 
-    class FailingEngine(NullEngine):
-        def apply(self, edit: Edit) -> Applied:
-            applied = super().apply(edit)
-            failed = (SpawnFailure("Mug1", "no room left"),)
-            return msgspec.structs.replace(
-                applied, report=msgspec.structs.replace(applied.report, failed_bodies=failed)
-            )
+    succeed = NullEngine.apply
 
-    monkeypatch.setattr("mindstage.engines.NullEngine", FailingEngine)
+    def fail(engine: NullEngine, edit: Edit) -> Applied:
+        applied = succeed(engine, edit)
+        failed = (SpawnFailure("Mug1", "no room left"),)
+        return msgspec.structs.replace(applied, report=msgspec.structs.replace(applied.report, failed_bodies=failed))
+
+    monkeypatch.setattr(NullEngine, "apply", fail)
     result = run("spawn", write_map(), "--no-viewer", "--engine", "null")
     assert result.exit_code == 1
     assert "Mug1: no room left" in result.stderr
