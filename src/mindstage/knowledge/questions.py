@@ -810,6 +810,9 @@ def question(
         about_past: see `Question.about_past`.
         access: `Access.READ` offers a question that is no entry point to clients of ports; those of entry points
             declare it there.
+
+    Raises:
+        ValueError: another module declares a question of this name.
     """
 
     def declare(function: Callable[..., Iterator[R]]) -> Question[R]:
@@ -821,7 +824,16 @@ def question(
             about_past=about_past,
             access=access,
         )
-        _declared[declared.module, declared.name] = declared
+        key = declared.module, declared.name
+        installed = extensions(Group.QUESTIONS).get(declared.name)
+        modules = [module for module, name in _declared if name == declared.name]
+        if installed is not None:
+            modules.append(installed.module)
+        if (others := {*modules} - {declared.module}) and not (
+            installed and key == (installed.module, installed.attribute)
+        ):
+            raise ValueError(f"two questions {declared.name}: of {declared.module} and of {', '.join(sorted(others))}")
+        _declared[key] = declared
         return declared
 
     return declare if function is None else declare(function)
