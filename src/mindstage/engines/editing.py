@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -196,26 +197,28 @@ class EditingEngine(ABC):
         present, holder_of = self._described_poses(), self._holder_of()
         for id in edit.poses:
             self._entities().body(id)
-        one_by_one = len(edit.poses) > 1 and _are_connected(holder_of, edit.poses)
+        connected = _connected(holder_of, edit.poses)
         undone: dict[BodyId, Pose] = {}
         holders: dict[BodyId, tuple[BodyId, Pose]] = {}
+        alone: dict[BodyId, tuple[BodyId, Pose]] = {}
+        """Those of the bodies that no other body of the edit moves: whether they rest is found at once, at the end."""
         now = present
         try:
             for id, pose in edit.poses.items():
-                if one_by_one:
+                if id in connected:
                     now = self._described_poses()
                 held = {id: (holder_of[id], now[holder_of[id]])} if id in holder_of else {}
                 undone[id] = now[id]
                 self._set_pose(id, self._relative_pose(id, pose, edit.holders, now), restores=edit.holders is not None)
-                if one_by_one:
+                if id in connected:
                     holders |= self._resting(held)
                 else:
-                    holders |= held
+                    alone |= held
         except WorldError:
             self._set_back({id: present[id] for id in edit.poses})
             raise
         undone = {id: undone[id] for id in reversed(undone)}
-        return SetPoses(undone, holders if one_by_one else self._resting(holders))
+        return SetPoses(undone, holders | self._resting(alone))
 
     def _described_poses(self) -> dict[BodyId, Pose]:
         """The current poses; those of unmoved bodies equal the spawned ones exactly."""
@@ -302,8 +305,8 @@ def is_moved(before: Pose, now: Pose, *, tolerance_m: float = _ROUNDING, toleran
     return bool(distance > tolerance_m or quat_angle(one[3:], other[3:]) > tolerance_rad)
 
 
-def _are_connected(holder_of: Mapping[BodyId, BodyId], ids: Collection[BodyId]) -> bool:
-    """Whether attachments and joints connect some of the bodies, so that one of them moves another."""
+def _connected(holder_of: Mapping[BodyId, BodyId], ids: Collection[BodyId]) -> set[BodyId]:
+    """Those of the bodies that attachments and joints connect with others of them, so that one may move another."""
 
     def root(id: BodyId) -> BodyId:
         visited = {id}
@@ -312,7 +315,9 @@ def _are_connected(holder_of: Mapping[BodyId, BodyId], ids: Collection[BodyId]) 
             visited.add(id)
         return id
 
-    return len({root(id) for id in ids}) < len(ids)
+    roots = {id: root(id) for id in ids}
+    counts = Counter(roots.values())
+    return {id for id in ids if counts[roots[id]] > 1}
 
 
 # -- deleted bodies ----------------------------------------------------------------------------------------------------
