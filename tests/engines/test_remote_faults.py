@@ -298,11 +298,13 @@ def test_messages_that_are_not_json_are_no_response(fake: FakeRemote) -> None:
 
 
 def test_a_failure_without_a_reason_is_a_world_error(fake: FakeRemote, fake_engine: RemoteEngine) -> None:
-    fake.respond["clear"] = ok_response(success=False)
+    fake.respond["clear"] = ok_response(success=False, expected_rebuild_s=0.0)
     with pytest.raises(WorldError, match="without a reason"):
         fake_engine.clear()
     fake.respond["clear"] = ok_response(
-        success=False, refusal={**NO_REFUSAL, "code": "GravityOffended", "text": "not on Sundays"}
+        success=False,
+        refusal={**NO_REFUSAL, "code": "GravityOffended", "text": "not on Sundays"},
+        expected_rebuild_s=0.0,
     )
     with pytest.raises(WorldError, match="not on Sundays"):
         fake_engine.clear()
@@ -314,7 +316,7 @@ def test_unknown_capabilities_are_ignored(fake_engine: RemoteEngine) -> None:
 
 def test_another_world_format_is_refused_on_connection(fake: FakeRemote) -> None:
     fake.respond["describe"] = lambda call: [response(call, DESCRIBE_VALUES | {"format_version": 1})]
-    with pytest.raises(EngineUnavailableError, match="its world format is 2, and this Mindstage's is 1; use the same"):
+    with pytest.raises(EngineUnavailableError, match="its world format is 1, and this Mindstage's is 2; use the same"):
         connect(fake.address)
 
 

@@ -25,7 +25,7 @@ class RecordingEngine(NullEngine):
 
     def apply(self, edit: Edit) -> Applied:
         if isinstance(edit, Spawn):
-            self.spawned.append(edit.geometry)
+            self.spawned.append(dict(edit.geometry))
         return super().apply(edit)
 
 

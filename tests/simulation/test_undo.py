@@ -63,7 +63,7 @@ def is_same(a: World, b: World) -> bool:
 
 def test_each_edit_can_be_undone_and_redone(sim: Simulation) -> None:
     edits, before = sim.edits, sim.snapshot()
-    edits = {
+    calls = {
         "pose of Mug": lambda: edits.move(MUG, THERE),
         "mass of Mug": lambda: edits.set_physics(
             MUG, BodyPhysics(mobility=Mobility.DYNAMIC, gravity=True, overlap_events=False, mass_kg=7.0), label="mass"
@@ -74,8 +74,8 @@ def test_each_edit_can_be_undone_and_redone(sim: Simulation) -> None:
         "DrawerHandle detached": lambda: edits.detach(HANDLE),
         "Mug deleted": lambda: edits.delete([MUG]),
     }
-    for label, edit in edits.items():
-        edit()
+    for label, call in calls.items():
+        call()
         after = sim.snapshot()
         assert not is_same(before, after), label
         assert edits.undo() == label
