@@ -76,7 +76,13 @@ UNRANGED_FUNCTIONS: Mapping[str, str] = {
     "MotionGoal.end": "called by controllers, with errors that they measure",
     "MujocoEngine.step_for wall_s": "may be infinite",
     "PlanBuilder.perform args": "arguments of a skill, which checks them",
+    "WarpExecutor.run": "called by `evaluate_plan`, whose arguments are checked",
     "WorkerPoolExecutor.run": "called by `evaluate_plan`, whose arguments are checked",
+    "_IndexedEpisode.__init__": "made by `EpisodeMemory`",
+    **dict.fromkeys(
+        ("_IndexedEpisode.resume", "_IndexedEpisode.state_at", "_IndexedEpisode.states"),
+        "passed on to `EpisodeHistory`, which checks them",
+    ),
     "ground_last": "arithmetic of an engine",
     "whole_steps": "arithmetic of an engine",
 }

@@ -156,13 +156,13 @@ func test_unknown_bodies_circles_and_zero_quaternions_are_refused() -> void:
 	var simulation: MindstageSimulation = new_simulation()
 	_spawn(simulation, [_floor(), MindstageExampleWorlds.body("drawer", [0.0, 0.0, 1.0], [1.0, 1.0, 1.0])])
 	var refusal: Dictionary = simulation.delete(["drawr"], "")
-	same(refusal["code"], "BodyNotFoundError", "kind")
+	same(refusal["code"], "BodyNotFoundError", "code")
 	same(refusal["suggestions"], ["drawer"], "suggestions")
-	same(simulation.attach("drawer", "drawer", "")["kind"], "AttachmentError", "itself")
+	same(simulation.attach("drawer", "drawer", "")["code"], "AttachmentError", "itself")
 	simulation.attach("floor", "drawer", "")
 	check("circle" in simulation.attach("drawer", "floor", "")["reason"], "a circle")
 	var nowhere: Dictionary = {"position": [0.0, 0.0, 0.0], "quaternion": [0.0, 0.0, 0.0, 0.0]}
-	same(simulation.set_pose("drawer", nowhere, "")["kind"], "PoseUnreachableError", "no rotation")
+	same(simulation.set_pose("drawer", nowhere, "")["code"], "PoseUnreachableError", "no rotation")
 	same(simulation.world_model.bodies.size(), 2, "nothing changed")
 	await drop(simulation)
 
@@ -205,7 +205,7 @@ func _spawn(simulation: MindstageSimulation, bodies: Array, joints: Array = [], 
 	var result: MindstageWorldModel.SpawnResult = MindstageWorldModel.SpawnResult.new()
 	same(simulation.spawn(MindstageExampleWorlds.world(bodies, joints, attachments), "", "", result), "", "spawned")
 	same(result.bodies.size(), bodies.size(), "bodies")
-	same(result.joints.size(), joints.size(), "constraints")
+	same(result.joints.size(), joints.size(), "joints")
 
 
 static func _floor() -> Dictionary:

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from mindstage import api
 from mindstage.engines.base import SavedState
 from mindstage.errors import CommandRefusedError, InvalidArgumentError, SimulationDivergedError
+from mindstage.ranges import Count, Fraction, Length, NotNegative, Point, Positive, Seed, checked
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.edits import add_robot
@@ -125,16 +126,17 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": []}  # type: ignore[misc]
 
+    @checked
     def __init__(
         self,
         map: str = "bundled:kitchen",
         robot: str = "mobile_manipulator",
         *,
         thing: str = "",
-        pose: tuple[float, float, float] | None = None,
-        period_s: float = 0.1,
-        position_noise_m: float = 0.05,
-        yaw_noise_rad: float = 0.1,
+        pose: Point | None = None,
+        period_s: Positive = 0.1,
+        position_noise_m: Length = 0.05,
+        yaw_noise_rad: NotNegative = 0.1,
         render_mode: str | None = None,
     ) -> None:
         """Opens the map and adds the robot.
@@ -207,8 +209,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 
     # -- Gymnasium -----------------------------------------------------------------------------------------------------
 
+    @checked
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: Seed | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begins an episode.
 
@@ -463,7 +466,8 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
 class OpenEnv(RobotTaskEnv):
     """Opening a door or a drawer."""
 
-    def __init__(self, map: str = "bundled:kitchen", *, share: float = 0.8, **options: Any) -> None:
+    @checked
+    def __init__(self, map: str = "bundled:kitchen", *, share: Fraction = 0.8, **options: Any) -> None:
         """See `RobotTaskEnv`.
 
         Args:
@@ -641,7 +645,8 @@ class PutAwayEnv(PickEnv):
 # -- baselines ---------------------------------------------------------------------------------------------------------
 
 
-def play_randomly(env: gymnasium.Env[Observation, Action], *, seed: int) -> EpisodeScore:
+@checked
+def play_randomly(env: gymnasium.Env[Observation, Action], *, seed: Seed) -> EpisodeScore:
     """Plays an episode with random actions.
 
     Args:
@@ -657,7 +662,8 @@ def play_randomly(env: gymnasium.Env[Observation, Action], *, seed: int) -> Epis
     return EpisodeScore(success=info["is_success"], reward=total, duration_s=info["time_s"], reason=info["reason"])
 
 
-def play_skill(env: gymnasium.Env[Observation, Action], *, seed: int) -> EpisodeScore:
+@checked
+def play_skill(env: gymnasium.Env[Observation, Action], *, seed: Seed) -> EpisodeScore:
     """Plays an episode with the skill that does the task; the success is that of the task, not that of the skill.
 
     Args:
@@ -673,8 +679,9 @@ def play_skill(env: gymnasium.Env[Observation, Action], *, seed: int) -> Episode
     return EpisodeScore(success=progress.done, reward=0.0, duration_s=result.duration_s, reason=reason)
 
 
+@checked
 def success_rate(
-    env: gymnasium.Env[Observation, Action], play: Callable[..., EpisodeScore], *, episodes: int, seed: int = 0
+    env: gymnasium.Env[Observation, Action], play: Callable[..., EpisodeScore], *, episodes: Count, seed: Seed = 0
 ) -> tuple[float, tuple[EpisodeScore, ...]]:
     """The share of episodes in which a policy does the task.
 

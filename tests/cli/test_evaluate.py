@@ -69,7 +69,7 @@ def test_a_plan_that_does_not_end_in_its_budget_exits_with_2(run: Run, plan: Pat
         ("steps: []\n", ["--uncertainty", "Milk height=3"], "`height`"),
         ("steps: []\n", ["--uncertainty", "Milk mass=much"], "mass"),
         ("steps:\n- {do: wait, duration_s: 1}\n", ["--workers", "cloud"], "no executor is named 'cloud'"),
-        ("steps:\n- {do: wait, duration_s: 1}\n", ["--workers", "gpu:0"], "a batch has at least one world"),
+        ("steps:\n- {do: wait, duration_s: 1}\n", ["--workers", "gpu:0"], "worlds 0: it must be"),
         ("steps:\n" + ON_TABLE, ["--workers", "gpu:cpu"], "plan.yaml:2: steps[0]: place: a new body changes"),
     ],
 )

@@ -163,8 +163,8 @@ def test_each_method_of_the_builder_adds_its_step_with_all_fields() -> None:
         .wait(2.0)
         .wait(20.0)
         .wait(20.0, deadline_s=7.5)
-        .attach("a", to="b", deadline_s=8.5)
-        .detach("a", deadline_s=9.5)
+        .attach("a", to="b")
+        .detach("a")
         .change_physics("a", mass_kg=2.0, mobility=Mobility.STATIC, gravity=False, deadline_s=10.5)
         .perform("grasp", robot="r", deadline_s=11.5, thing="a", arm="left")
         .perform("park")
@@ -190,8 +190,8 @@ def test_each_method_of_the_builder_adds_its_step_with_all_fields() -> None:
             Wait(duration_s=2.0, deadline_s=10.0),
             Wait(duration_s=20.0, deadline_s=21.0),
             Wait(duration_s=20.0, deadline_s=7.5),
-            Attach(parent="b", child="a", deadline_s=8.5),
-            Detach(child="a", deadline_s=9.5),
+            Attach(parent="b", child="a"),
+            Detach(child="a"),
             ChangePhysics(thing="a", mass_kg=2.0, mobility=Mobility.STATIC, gravity=False, deadline_s=10.5),
             Perform(skill="grasp", robot="r", deadline_s=11.5, args={"thing": "a", "arm": "left"}),
             Perform(skill="park", deadline_s=300.0),

@@ -297,7 +297,7 @@ class TestSamples:
         monkeypatch.setattr(WarpBatch, "__init__", record)
         lifted = SimulationImage.capture(sim).restore()
         lifted.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("box"): Pose((-0.5, 0.0, 1.0))})), edits=True)
-        monkeypatch.setattr(warp_batch, "_MIN_CONTACTS", 1)
+        monkeypatch.setattr(warp_batch, "_MIN_CONTACT_COUNT", 1)
         monkeypatch.setattr(warp_batch, "_MARGIN", 1)
         assert execute(sim, NEAR_EDGE, on_cpu(3), count=3) == enough
         with lifted:

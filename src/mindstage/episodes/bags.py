@@ -15,6 +15,7 @@ from typing import Any
 from mindstage.episodes.recording import EpisodeEvent, Recording
 from mindstage.episodes.transform_recording import TransformLog, TransformRecording, listed
 from mindstage.errors import EpisodeFileError, without_surrogates
+from mindstage.ranges import Frequency, checked
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap, World
 from mindstage.scene.display import counted
 
@@ -24,6 +25,7 @@ __all__ = ["RosBag"]
 class RosBag(TransformRecording):
     """A bag as a `Recording` of a map."""
 
+    @checked
     def __init__(
         self,
         path: str | PathLike[str],
@@ -32,7 +34,7 @@ class RosBag(TransformRecording):
         bodies: Mapping[str, BodyId] | None = None,
         map_frame: str | None = None,
         relative: bool | Collection[str] = False,
-        rate_hz: float | None = 30.0,
+        rate_hz: Frequency | None = 30.0,
         geometry: GeometryMap = NO_GEOMETRY,
         events: Callable[[Recording], tuple[EpisodeEvent, ...]] | None = None,
     ) -> None:

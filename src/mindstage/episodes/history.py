@@ -17,6 +17,7 @@ from mindstage.episodes.recording import EpisodeFrame, Recording
 from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.history import EpisodeSource, PastEvent, SingleEpisode, WorldState
+from mindstage.ranges import Time, checked
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Iri, World
 from mindstage.scene.edits import Delete
 from mindstage.simulation import Simulation
@@ -101,13 +102,15 @@ class EpisodeHistory:
         """See `History`."""
         return self.recording.start_unix_s
 
-    def state_at(self, time_s: float) -> WorldState:
+    @checked
+    def state_at(self, time_s: Time) -> WorldState:
         """See `History`."""
         if hasattr(self.recording, "state_at"):
             return cast("WorldState", self.recording.state_at(time_s))
         return self._state(self.recording.frame_at(time_s), None)
 
-    def states(self, begin_s: float | None = None, end_s: float | None = None) -> Iterator[tuple[float, WorldState]]:
+    @checked
+    def states(self, begin_s: Time | None = None, end_s: Time | None = None) -> Iterator[tuple[float, WorldState]]:
         """See `History`."""
         begin = self.begin_s if begin_s is None else begin_s
         end = self.end_s if end_s is None else end_s
@@ -198,7 +201,8 @@ class EpisodeHistory:
             found.setdefault(id(frame.structure), frame.structure)
         return (*self.recording.spawned, *found.values())
 
-    def resume(self, time_s: float) -> Simulation:
+    @checked
+    def resume(self, time_s: Time) -> Simulation:
         """See `History`."""
         if hasattr(self.recording, "resume"):
             return cast("Simulation", self.recording.resume(time_s))

@@ -29,6 +29,7 @@ from mindstage.errors import (
     without_surrogates,
 )
 from mindstage.knowledge.history import EventFilter, PastEvent, WorldState
+from mindstage.ranges import Index, checked
 from mindstage.scene import Body, Iri
 from mindstage.scene.display import counted
 
@@ -308,7 +309,8 @@ class EpisodeMemory:
             found |= {Iri(iri): None for (iri,) in self._rows(sql, part)}
         return tuple(found)
 
-    def individuals(self, number: int) -> Mapping[str, Iri]:
+    @checked
+    def individuals(self, number: Index) -> Mapping[str, Iri]:
         """See `History`; of the episode with a number in the index."""
         rows = self._rows("select id, iri from presence join things on number = thing where episode = ?", (number,))
         return {name: Iri(iri) for id, iri in rows for name in (id, iri)}

@@ -25,6 +25,7 @@ from mindstage.imagination.executors import Job
 from mindstage.imagination.plans import ChangePhysics, Close, Move, Open, Perform, Place, Plan, PlanStep
 from mindstage.imagination.results import SampleResult
 from mindstage.imagination.warp_batch import BatchLimits, StepEnd, WarpBatch, load_warp, varied_fields
+from mindstage.ranges import Count, checked
 from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses, counted_ids
 from mindstage.scene.transforms import Array, pose_from_array
@@ -46,7 +47,8 @@ _NAME = re.compile(r"gpu(:cpu)?(:\d+)?")
 class WarpExecutor:
     """Runs samples as worlds of a batch in MuJoCo Warp."""
 
-    def __init__(self, *, device: str | None = None, worlds: int | None = None) -> None:
+    @checked
+    def __init__(self, *, device: str | None = None, worlds: Count | None = None) -> None:
         """Chooses a device; nothing is allocated yet.
 
         Args:
@@ -57,8 +59,6 @@ class WarpExecutor:
         Raises:
             ImaginationError: MuJoCo Warp is not installed, or there is no such device.
         """
-        if worlds is not None and worlds < 1:
-            raise ImaginationError(f"a batch has at least one world, not {worlds}")
         warp, _ = load_warp()
         if device is None:
             if not warp.is_cuda_available():
@@ -73,7 +73,8 @@ class WarpExecutor:
         self._worlds = worlds or (_MAX_WORLDS if self._device.is_cuda else _MAX_WORLDS_ON_CPU)
 
     @classmethod
-    def from_name(cls, name: str, samples: int) -> WarpExecutor:
+    @checked
+    def from_name(cls, name: str, samples: Count) -> WarpExecutor:
         """The executor of a name such as "gpu", "gpu:4096" (worlds), "gpu:cpu" or "gpu:cpu:16".
 
         Raises:

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import msgspec
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.ranges import Time, check_number, declared_range
+from mindstage.ranges import Time, check_fields, check_number, declared_range
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Iri, World
 
 __all__ = [
@@ -91,10 +91,13 @@ class EventFilter(msgspec.Struct, frozen=True, kw_only=True):
     things: frozenset[Iri] | None = None
     """Individuals of which one must be the thing of the event."""
     episode: str | None = None
-    begin_s: float | None = None
+    begin_s: Time | None = None
     """Only events that last beyond, or until, this time [s]."""
-    end_s: float | None = None
+    end_s: Time | None = None
     """Only events that have begun by this time [s]."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     def accepts(self, event: PastEvent) -> bool:
         """Whether an event is wanted."""

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.ranges import Count, Length, WallTime, checked
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.models.robot_model import Arm, BaseType
@@ -229,6 +230,7 @@ class _Placing:
         return blocked
 
 
+@checked
 def find_base_placements(
     robot: MotionRobot,
     arm: Arm | str,
@@ -237,11 +239,11 @@ def find_base_placements(
     free: str = "",
     ignore: Collection[BodyId] = (),
     touch: Collection[BodyId] = (),
-    clearance_m: float = CLEARANCE_M,
-    max_distance_m: float | None = None,
-    count: int = 5,
-    max_places: int = 400,
-    cpu_s: float = CPU_S,
+    clearance_m: Length = CLEARANCE_M,
+    max_distance_m: Length | None = None,
+    count: Count = 5,
+    max_places: Count = 400,
+    cpu_s: WallTime = CPU_S,
 ) -> tuple[BasePlacement, ...]:
     """Finds places of the base from which an arm reaches all of some poses, the best first.
 

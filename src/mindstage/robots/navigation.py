@@ -17,6 +17,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.ranges import Count, Finite, Length, Point, Seed, WallTime, checked
 from mindstage.robots.collisions import CollisionChecker, MotionRobot
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.planning import load_ompl, termination
@@ -166,18 +167,19 @@ def _radius(low: Array, high: Array, base: tuple[float, float, float]) -> float:
     return float(np.hypot(far[:, 0], far[:, 1]).max(initial=0.3))
 
 
+@checked
 def plan_base(
     robot: MotionRobot,
-    goal: tuple[float, float, float],
+    goal: Point,
     *,
     ignore: Collection[BodyId] = (),
-    clearance_m: float | None = None,
-    max_tests: int = 40_000,
-    cpu_s: float = CPU_S,
+    clearance_m: Length | None = None,
+    max_tests: Count = 40_000,
+    cpu_s: WallTime = CPU_S,
     part_of: SearchLimit | None = None,
     floor: FloorMap | None = None,
-    joints: Mapping[BodyId, float] | None = None,
-    seed: int = 1,
+    joints: Mapping[BodyId, Finite] | None = None,
+    seed: Seed = 1,
 ) -> BasePath:
     """Plans a way of the base around all obstacles.
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
+from mindstage.ranges import Count, Finite, Fraction, Length, Point, Positive, Seed, WallTime, checked
 from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
 from mindstage.robots.drives import planar_inverse, planar_multiply
 from mindstage.robots.models.robot_model import Arm, RobotJointType
@@ -203,23 +204,24 @@ class _ArmTask:
         return np.where(turns, self.start + away, values)
 
 
+@checked
 def plan_arm(
     robot: MotionRobot,
     arm: Arm | str,
-    target: Mapping[str, float] | PoseLike,
+    target: Mapping[str, Finite] | PoseLike,
     *,
     free: str = "",
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, Finite] | None = None,
     ignore: Collection[BodyId] = (),
     touch: Collection[BodyId] = (),
-    clearance_m: float = CLEARANCE_M,
-    speed: float = 0.6,
-    max_tests: int = 40_000,
-    cpu_s: float = CPU_S,
+    clearance_m: Length = CLEARANCE_M,
+    speed: Fraction = 0.6,
+    max_tests: Count = 40_000,
+    cpu_s: WallTime = CPU_S,
     part_of: SearchLimit | None = None,
-    base: tuple[float, float, float] | None = None,
-    joints: Mapping[BodyId, float] | None = None,
-    seed: int = 1,
+    base: Point | None = None,
+    joints: Mapping[BodyId, Finite] | None = None,
+    seed: Seed = 1,
 ) -> JointTrajectory:
     """Plans a motion of an arm to positions of its joints, or to a pose of its gripper, around all obstacles.
 
@@ -275,17 +277,18 @@ def plan_arm(
     return trajectory
 
 
+@checked
 def plan_line(
     robot: MotionRobot,
     arm: Arm | str,
     target: PoseLike,
     *,
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, Finite] | None = None,
     ignore: Collection[BodyId] = (),
     touch: Collection[BodyId] = (),
-    clearance_m: float = CLEARANCE_M,
-    speed: float = 0.6,
-    max_velocity: float = 0.15,
+    clearance_m: Length = CLEARANCE_M,
+    speed: Fraction = 0.6,
+    max_velocity: Positive = 0.15,
 ) -> JointTrajectory:
     """Plans a straight motion of a gripper to a pose, with an even rotation.
 
@@ -307,18 +310,19 @@ def plan_line(
     return _follow(task, [normalized_pose_array(target)], "", max_velocity)
 
 
+@checked
 def plan_path(
     robot: MotionRobot,
     arm: Arm | str,
     poses: Iterable[PoseLike],
     *,
     free: str = "",
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, Finite] | None = None,
     ignore: Collection[BodyId] = (),
     touch: Collection[BodyId] = (),
-    clearance_m: float = CLEARANCE_M,
-    speed: float = 0.6,
-    max_velocity: float = 0.15,
+    clearance_m: Length = CLEARANCE_M,
+    speed: Fraction = 0.6,
+    max_velocity: Positive = 0.15,
 ) -> JointTrajectory:
     """Plans a motion of a gripper through poses, such as those of a handle while its door opens.
 

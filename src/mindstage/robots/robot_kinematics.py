@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE, ChainJoint, ChainJointType, compile_chain
 from mindstage.errors import InvalidArgumentError, RobotLibraryError
+from mindstage.ranges import Count, Finite, NotNegative, Positive, PositiveLength, check_fields, checked
 from mindstage.robots.models.robot_model import Arm, BaseType, RobotJoint, RobotJointType, RobotModel
 from mindstage.scene import PoseLike
 from mindstage.scene.transforms import (
@@ -64,8 +65,11 @@ _AT_LIMIT = 1e-4
 class IkTolerance(msgspec.Struct, frozen=True, kw_only=True):
     """The error that a solution may have."""
 
-    position_m: float = 0.001
-    rotation_rad: float = radians(0.5)
+    position_m: PositiveLength = 0.001
+    rotation_rad: Positive = radians(0.5)
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
 
 class IkResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -231,7 +235,8 @@ class RobotKinematics:
 
     # -- forward -------------------------------------------------------------------------------------------------------
 
-    def pose(self, frame: str, positions: Mapping[str, float], *, root_pose: PoseLike | None = None) -> Array:
+    @checked
+    def pose(self, frame: str, positions: Mapping[str, Finite], *, root_pose: PoseLike | None = None) -> Array:
         """The pose of a frame, seven numbers.
 
         Args:
@@ -273,17 +278,18 @@ class RobotKinematics:
 
     # -- inverse -------------------------------------------------------------------------------------------------------
 
+    @checked
     def solve_ik(
         self,
         frame: str,
         target: PoseLike,
         *,
         joints: Sequence[str] | None = None,
-        seed: Mapping[str, float] | None = None,
+        seed: Mapping[str, Finite] | None = None,
         root_pose: PoseLike | None = None,
         free: str = "",
         tolerance: IkTolerance | None = None,
-        attempts: int = 16,
+        attempts: Count = 16,
     ) -> IkResult:
         """Finds positions of joints in which a frame has a pose.
 
@@ -323,18 +329,19 @@ class RobotKinematics:
         assert best is not None
         return self._result(problem, best._replace(iterations=iterations), root_pose)
 
+    @checked
     def solutions(
         self,
         frame: str,
         target: PoseLike,
         *,
         joints: Sequence[str] | None = None,
-        seed: Mapping[str, float] | None = None,
+        seed: Mapping[str, Finite] | None = None,
         root_pose: PoseLike | None = None,
         free: str = "",
         tolerance: IkTolerance | None = None,
-        attempts: int = 24,
-        apart: float = 0.2,
+        attempts: Count = 24,
+        apart: NotNegative = 0.2,
     ) -> Iterator[IkResult]:
         """Yields different solutions, as they are found; see `solve_ik`.
 

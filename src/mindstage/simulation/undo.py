@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import msgspec
 
+from mindstage.access.limits import Timeout
 from mindstage.engines.base import Applied, Capability, Engine, SavedState
 from mindstage.engines.editing import is_moved
 from mindstage.errors import (
@@ -110,7 +111,8 @@ class Edits:
 
     # -- edits ---------------------------------------------------------------------------------------------------------
 
-    def apply(self, edit: Edit, *, continues_last: bool = False, timeout_s: float | None = None) -> Applied:
+    @checked
+    def apply(self, edit: Edit, *, continues_last: bool = False, timeout_s: Timeout | None = None) -> Applied:
         """Makes an edit as a step of the history; see `Simulation.apply`.
 
         Args:
