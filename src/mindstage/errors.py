@@ -211,14 +211,21 @@ class SpawnRefusedError(WorldError):
 class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `redo`, to redo."""
 
-    template = "there is nothing to {action}"
+    template = "there is nothing to {action}{because}"
     _: KW_ONLY
     redo: bool = False
+    reason: str = ""
+    """Why the history does not begin earlier; empty if nothing was done before."""
 
     @property
     def action(self) -> str:
         """Part of the message."""
         return "redo" if self.redo else "undo"
+
+    @property
+    def because(self) -> str:
+        """Part of the message."""
+        return f": {self.reason}" if self.reason else ""
 
 
 class HistoryChangedError(WorldError):

@@ -147,7 +147,7 @@ def test_the_events_of_a_history_are_those_of_its_recording_with_the_names_of_bo
         (lambda replay: replay.edits.attach(DRAWER, MUG), "attach"),
         (lambda replay: replay.pull(MUG, point=(0.0, 0.0, 0.0), target=(0.0, 0.0, 2.0)), ""),
         (lambda replay: replay.clear(), "remove its bodies"),
-        (lambda replay: replay.set_knowledge(KnowledgeBase()), "remove its bodies"),
+        (lambda replay: replay.replace_world(kitchenette()), "remove its bodies"),
         (lambda replay: replay.spawn(kitchenette()), "spawn"),
         (lambda replay: replay.place(MUG, on="Fridge"), ""),
     ],

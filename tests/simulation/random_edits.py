@@ -46,7 +46,7 @@ _POSE_TOLERANCE = 1e-6
 _SETTLED_TOLERANCE_M = 2e-3
 """A body that a spawn moved out of others, and that rests there, is shown where it was described [m, rad]."""
 _STEP_S = 0.06
-_NOT_IN_HISTORY = ("step", "tell", "reset_to_start", "saved_state", "robot", "drive", "world")
+_NOT_IN_HISTORY = ("step", "tell", "reset_to_start", "saved_state", "drive", "world", "replace_world")
 
 
 class Step(NamedTuple):
@@ -337,6 +337,12 @@ class RandomEdits:
         self.sim.edits.reset()
         return "reset"
 
+    def edit_replace_world(self, rng: random.Random) -> object:
+        if rng.random() < 0.7:
+            return "not this time"
+        self.sim.replace_world(self.sim.worlds[0])
+        return "replaced"
+
     # -- what is not in the history ----------------------------------------------------------------------------
 
     def edit_step(self, rng: random.Random) -> object:
@@ -369,7 +375,7 @@ class RandomEdits:
             return "no robot"
         if self.sim.robots and rng.random() < 0.5:
             robot = find_robot(self.sim, rng.choice(sorted(self.sim.robots)))
-            self.sim.edits.apply(robot.edit.removal(self.sim.state.ids))
+            robot.remove()
             return f"{robot.name} removed"
         if len(self.sim.robots) > 1:
             return "enough robots"

@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from mindstage.engines import Engine, NullEngine
+from mindstage.engines.base import Capability
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import (
     AttachmentError,
     BodyExistsError,
     BodyNotFoundError,
+    InvalidArgumentError,
     NothingToUndoError,
     PoseUnreachableError,
     RobotModelError,
     WorldError,
 )
 from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import write_map
 from mindstage.robots import add_robot, find_robot
-from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World, diff
-from mindstage.scene.edits import Attach, Delete, SetPoses
+from mindstage.scene import BodyId, BodyPhysics, Iri, Material, Mobility, Pose, World, diff
+from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn, edit_from_json, edit_to_json
 from mindstage.scene.transforms import Array
 from mindstage.simulation import JointHandle, Simulation, SpawnRecord
+from mindstage.simulation.replacing import KeptWorld, ReplaceWorld
 from tests.kitchenette import kitchenette
 
 MUG, DRAWER, HANDLE = BodyId("Mug"), BodyId("Drawer"), BodyId("DrawerHandle")
@@ -226,11 +233,132 @@ def test_a_cleared_simulation_has_nothing_to_undo(sim: Simulation) -> None:
     assert sim.edits.history.undo == ()
 
 
-def test_the_knowledge_base_can_be_replaced(sim: Simulation) -> None:
-    other = KnowledgeBase(bundled_ontology=False)
-    sim.set_knowledge(other)
-    assert sim.knowledge is other
-    assert sim.state.ids == ()
+# -- other worlds ------------------------------------------------------------------------------------------------------
+
+CUP = BodyId("Cup")
+
+
+def room(name: str, *ids: str) -> World:
+    """A world with loose cups next to each other."""
+    mug = kitchenette().body("Mug")
+    cups = (
+        replace(mug, id=BodyId(id), iri=Iri(f"http://example.org/{name}.owl#{id}"), pose=Pose((row, -2.0, 0.05)))
+        for row, id in enumerate(ids)
+    )
+    return World(iri=Iri(f"http://example.org/{name}.owl#{name}"), name=name, bodies=tuple(cups))
+
+
+@pytest.fixture
+def maps(tmp_path: Path) -> Iterator[Callable[[World], KnowledgeBase]]:
+    with ExitStack() as opened:
+
+        def read(world: World) -> KnowledgeBase:
+            path = tmp_path / f"{world.name}.owl"
+            path.write_text(write_map(world), encoding="utf-8")
+            knowledge = opened.enter_context(KnowledgeBase())
+            knowledge.load(path)
+            return knowledge
+
+        yield read
+
+
+def shown(sim: Simulation) -> tuple[object, ...]:
+    """What a user sees of a simulation; of poses and positions every bit."""
+    answers = {name: sim.ask(name).to_dicts() for name in ("pose_of", "where_is", "analyze")}
+    positions = sim.run_on_engine(lambda engine: repr(engine.actuator_states() if sim.robots else {}))
+    poses = sim.state.ids, sim.state.poses.tobytes(), sim.state.time_s
+    maps = sim.knowledge.maps(), tuple(sim.worlds), dict(sim.geometry), sim.immovable
+    return (*poses, sim.snapshot(), *maps, tuple(sim.robots), positions, answers, sim.state.highlight_groups)
+
+
+def test_a_loaded_map_is_one_step_and_what_it_replaced_comes_back(maps: Callable[[World], KnowledgeBase]) -> None:
+    first, second = maps(replace(kitchenette(), name="first")), maps(room("second", "Cup", "Bowl"))
+    with Simulation(first, MujocoEngine()) as sim:
+        sim.spawn()
+        robot = add_robot(sim, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
+        sim.edits.move(MUG, Pose((0.5, -2.0, 0.4)))
+        sim.highlight(["Fridge"], "green", label="cold")
+        sim.step(0.2)
+        before, history = shown(sim), sim.edits.history.undo
+        assert sim.replace_world(knowledge=second).bodies == 2
+        assert sim.edits.history.undo == ("second loaded", *history)
+        assert (sim.knowledge, sorted(sim.state.ids), sim.robots) == (second, ["Bowl", "Cup"], {})
+        assert not robot.exists
+        sim.step(0.3)
+        sim.edits.move(CUP, THERE)
+        moved = shown(sim)
+        assert [sim.edits.undo(), sim.edits.undo()] == ["pose of Cup", "second loaded"]
+        assert shown(sim) == before
+        assert find_robot(sim) is robot
+        assert [sim.edits.redo(), sim.edits.redo()] == ["second loaded", "pose of Cup"]
+        assert shown(sim) == moved
+        sim.edits.go_to(len(history))
+        assert shown(sim) == before
+        sim.step(0.5)
+        assert robot.exists
+        assert robot.link_pose("head_pan_link")[2] > 0.5, "its drives hold it"
+        assert sim.edits.undo() == "pose of Mug"
+        assert sim.snapshot().body("Mug").pose.position == pytest.approx(kitchenette().body("Mug").pose.position)
+        assert sim.edits.undo() == "robot mobile_manipulator added"
+        assert sim.robots == {}
+
+
+def test_a_reset_is_about_the_world_that_is_there(sim: Simulation) -> None:
+    sim.edits.move(MUG, THERE)
+    sim.replace_world(room("other", "Cup"))
+    sim.edits.move(CUP, THERE)
+    sim.reset()
+    assert is_same(sim.snapshot(), room("other", "Cup"))
+    sim.edits.go_to(1)
+    assert sim.snapshot().body("Mug").pose == THERE
+    sim.reset()
+    assert is_same(sim.snapshot(), kitchenette())
+
+
+def test_the_last_three_replaced_worlds_are_kept(sim: Simulation) -> None:
+    sim.edits.move(MUG, THERE)
+    for name in "abc":
+        sim.replace_world(room(name, f"Cup_{name}"))
+    assert [sim.edits.undo() for _ in range(4)] == ["c loaded", "b loaded", "a loaded", "pose of Mug"]
+    with pytest.raises(NothingToUndoError, match=r"there is nothing to undo$"):
+        sim.edits.undo()
+    assert [sim.edits.redo() for _ in range(4)] == ["pose of Mug", "a loaded", "b loaded", "c loaded"]
+    assert sim.state.ids == ("Cup_c",)
+    sim.replace_world(room("d", "Cup_d"))
+    assert [sim.edits.undo() for _ in range(3)] == ["d loaded", "c loaded", "b loaded"]
+    with pytest.raises(NothingToUndoError, match="nothing to undo: only the last 3 replacements of the world can be"):
+        sim.edits.undo()
+    assert sim.state.ids == ("Cup_a",), "the history ends after the load that is too old"
+    sim.edits.redo()
+    assert sim.state.ids == ("Cup_b",)
+
+
+def test_a_world_that_is_no_longer_kept_cannot_be_restored(sim: Simulation) -> None:
+    applied = sim.apply(ReplaceWorld(KeptWorld(sim, {}, spawn=Spawn(room("other", "Cup")))))
+    text = edit_to_json(applied.inverse)
+    assert edit_from_json(text) == applied.inverse
+    with (
+        Simulation(KnowledgeBase(bundled_ontology=False), NullEngine()) as other,
+        pytest.raises(InvalidArgumentError, match="another simulation keeps it"),
+    ):
+        other.apply(edit_from_json(text))
+    sim.apply(applied.inverse)
+    assert is_same(sim.snapshot(), kitchenette())
+    del applied
+    gc.collect()
+    with pytest.raises(InvalidArgumentError, match="not kept here any more; load the map again"):
+        edit_from_json(text)
+
+
+def test_an_engine_without_saved_states_begins_a_new_history(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(NullEngine, "capabilities", NullEngine.capabilities - {Capability.SAVE})
+    with Simulation(KnowledgeBase(bundled_ontology=False), NullEngine(), primitive_shapes=True) as sim:
+        sim.spawn(kitchenette())
+        sim.edits.move(MUG, THERE)
+        sim.replace_world(room("other", "Cup"))
+        with pytest.raises(NothingToUndoError, match="the engine cannot save its state"):
+            sim.edits.undo()
+        assert sim.state.ids == (CUP,)
 
 
 # -- joints ------------------------------------------------------------------------------------------------------------

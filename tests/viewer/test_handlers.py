@@ -413,8 +413,13 @@ def test_a_saved_map_can_be_loaded_without_loss(
     assert (lost.only_in_a, lost.only_in_b) == ((), ())
     assert lost.identical(1e-6) or options.get("dialect") == "soma"
     wait_until(lambda: len(names(client)) == 8, "the page is updated")
-    assert physics_simulation.edits.history.undo == ()
     assert client.ask("save", **options)["text"], "a loaded map can be saved"
+    again = client.ask("load", name=saved["name"], text=saved["text"])
+    assert physics_simulation.edits.history.undo[::2] == (f"{again['name']} loaded", "2 bodies deleted")
+    client.ask("undo")
+    assert client.ask("save", **options)["text"], "and after an undo, with the knowledge base of the first load"
+    client.ask("undo")
+    assert len(physics_simulation.state.ids) == 6
 
 
 def test_the_world_is_saved_in_the_other_formats_that_are_offered(

@@ -261,7 +261,7 @@ def add_robot(
     )
     count_of_parts = len(placed.world.bodies) + len(placed.world.joints)
     try:
-        session.apply(edit, timeout_s=3 * session.timeout_s + 0.02 * count_of_parts)
+        session.edits.apply(edit, timeout_s=3 * session.timeout_s + 0.02 * count_of_parts)
     except SpawnRefusedError as error:
         raise RobotModelError(
             model.source or model.name,

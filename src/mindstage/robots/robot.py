@@ -651,7 +651,7 @@ class Robot:
 
     def remove(self) -> None:
         """Deletes it with its bodies."""
-        self.session.apply(self.edit.removal(self.session.state.ids))
+        self.session.edits.apply(self.edit.removal(self.session.state.ids))
 
     def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.

@@ -94,8 +94,7 @@ class WorldServices:
         except ResourceError as error:
             raise ResultError(_RESULT_CODES[error.type], str(error)) from error
         self._simulation.pause()
-        self._simulation.clear()
-        report = self._simulation.spawn(world)
+        report = self._simulation.replace_world(world)
         self._diagnostics.report_spawn("load_world", report)
         code, problem = wire.LoadWorldCode.UNSUPPORTED_ELEMENTS, None
         if not request.ignore_missing_or_unsupported_assets:

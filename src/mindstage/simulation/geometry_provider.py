@@ -31,7 +31,7 @@ _SOURCE_TEXTS = {
 
 
 class GeometryProvider:
-    """Fits geometry to bodies, and keeps it, also of deleted bodies, until `clear`."""
+    """Fits geometry to bodies, and keeps it, also of deleted bodies."""
 
     def __init__(self, knowledge: KnowledgeBase, *, primitive_shapes: bool, meshes: MeshProvider | None) -> None:
         """Creates a provider without geometry.
@@ -52,10 +52,10 @@ class GeometryProvider:
 
     def copy(self) -> GeometryProvider:
         """Another provider with the same geometry and sources."""
-        copy = GeometryProvider(self._knowledge, primitive_shapes=self._primitive_shapes, meshes=self._meshes)
+        copy = self.for_knowledge(self._knowledge)
         with self._lock:
             copy._geometry, copy._immovable, copy._cached = dict(self._geometry), self._immovable, self._cached
-            copy._excluded_pairs, copy._mesh_names = self._excluded_pairs, self._mesh_names
+            copy._excluded_pairs = self._excluded_pairs
         return copy
 
     def __getstate__(self) -> dict[str, Any]:
@@ -64,9 +64,11 @@ class GeometryProvider:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= {**state, "_lock": Lock(), "_cached": ((), NO_GEOMETRY)}
 
-    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
-        """Replaces the source of shape rules."""
-        self._knowledge = knowledge
+    def for_knowledge(self, knowledge: KnowledgeBase) -> GeometryProvider:
+        """Another provider, without geometry, whose shape rules are those of a knowledge base."""
+        other = GeometryProvider(knowledge, primitive_shapes=self._primitive_shapes, meshes=self._meshes)
+        other._mesh_names = self._mesh_names
+        return other
 
     def fit(self, world: World, *, geometry: GeometryMap | None = None) -> FittedGeometry:
         """Fits geometry to the bodies of a world, unless it is given.
@@ -135,12 +137,6 @@ class GeometryProvider:
     def for_world(self, world: World) -> GeometryMap:
         """The geometry with which a world was spawned."""
         return {body.id: self._geometry[body.id] for body in world.bodies if body.id in self._geometry}
-
-    def clear(self) -> None:
-        """Removes all geometry."""
-        with self._lock:
-            self._geometry, self._cached, self._immovable = {}, ((), NO_GEOMETRY), frozenset()
-            self._excluded_pairs = frozenset()
 
     def for_ids(self, ids: tuple[BodyId, ...]) -> GeometryMap:
         """The geometry of bodies; the same object for the same tuple."""

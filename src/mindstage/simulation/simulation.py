@@ -42,6 +42,7 @@ from mindstage.errors import (
     MindstageError,
     SimulationError,
     SimulationFaultError,
+    UnsupportedByEngineError,
 )
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.history import NOW, WorldState, time_arguments
@@ -78,6 +79,7 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
+from mindstage.simulation.replacing import KeptWorld, ReplaceWorld
 from mindstage.simulation.state import SessionEdit, SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import Edits, StartState
 
@@ -103,6 +105,8 @@ _PICKLED_FIELDS = (
     "_controllers",
     "_robots",
 )
+_SPAWN_S = 0.02
+"""By how much the timeout of a spawn is longer for each body and joint [s]."""
 _TICK_S = 1 / 60
 """Interval at which a playing simulation is stepped and published [s]."""
 _STEP_CHUNK_S = 0.1
@@ -287,27 +291,114 @@ class Simulation:
             AmbiguousMapError: several maps are loaded, and no name is given.
             SpawnRefusedError: a part of it cannot be spawned, and there is a title.
         """
+        make = partial(self.edits.apply if title else self.apply, timeout_s=timeout_s)
+        options: Any = {"ground": ground, "whole": bool(title), "persistent": persistent, "title": title}
         with self._tick_delay.preparing():
             description = world if isinstance(world, World) else self.knowledge.world(world)
-            fitted = self._geometry_provider.fit(description, geometry=geometry)
-            immovable = self._geometry_provider.find_immovable(description)
-        edit = Spawn(
-            description,
-            geometry=fitted.geometry,
-            immovable=immovable.ids,
-            ground=ground,
-            whole=bool(title),
-            persistent=persistent,
-            title=title,
-        )
-        applied = (self.edits.apply if title else self.apply)(edit, timeout_s=timeout_s)
-        report = with_immovable_notes(applied.report, immovable)
-        report = with_geometry_notes(report, fitted, (body.id for body in description.bodies))
-        self._reports = tuple(report if each is applied.report else each for each in self._reports)
+        report = self._spawn(description, make, self._geometry_provider, geometry=geometry, **options)
         if check_rest and not is_remote(self.engine_name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
         return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
+
+    def _spawn(
+        self,
+        world: World,
+        make: Callable[[Spawn], Applied],
+        provider: GeometryProvider,
+        *,
+        geometry: GeometryMap | None = None,
+        **options: Any,
+    ) -> SpawnReport:
+        """Fits geometry to a world, makes the edit that spawns it, and keeps the report of both."""
+        with self._tick_delay.preparing():
+            fitted = provider.fit(world, geometry=geometry)
+            immovable = provider.find_immovable(world)
+        applied = make(Spawn(world, geometry=fitted.geometry, immovable=immovable.ids, **options))
+        report = with_immovable_notes(applied.report, immovable)
+        report = with_geometry_notes(report, fitted, (body.id for body in world.bodies))
+        self._reports = tuple(report if each is applied.report else each for each in self._reports)
+        return report
+
+    def replace_world(
+        self, world: World | str | None = None, *, knowledge: KnowledgeBase | None = None, title: str = ""
+    ) -> SpawnReport:
+        """Replaces all worlds, with their robots, by one: `sim.replace_world(knowledge=other)` loads another map.
+
+        It is one step of the undo history. Undoing it restores what was there before, bit for bit: worlds, robots,
+        knowledge base, and the state of the engine. The last 3 can be undone, and none if the engine cannot save its
+        state; the history begins after any other.
+
+        Args:
+            world: a world, or the name or IRI of a map; by default the only map.
+            knowledge: the knowledge base from then on, which must stay open as long as it can be undone or redone;
+                by default the present one.
+            title: the name of the edit in the undo history.
+
+        Returns:
+            What was spawned, what failed and why, and what was assumed.
+
+        Raises:
+            MapNotFoundError: no map has that name.
+            AmbiguousMapError: several maps are loaded, and no name is given.
+        """
+        source = self.knowledge if knowledge is None else knowledge
+        description = world if isinstance(world, World) else source.world(world)
+        contents = self._no_worlds(source)
+        timeout_s = self.timeout_s + _SPAWN_S * (len(description.bodies) + len(description.joints))
+        label = title or f"{description.name or short_name(description.iri)} loaded"
+
+        def make(spawn: Spawn) -> Applied:
+            edit = ReplaceWorld(KeptWorld(self, contents, spawn=spawn), title=label)
+            return self.edits.apply(edit, timeout_s=timeout_s)
+
+        report = self._spawn(description, make, contents["_geometry_provider"], ground=True)
+        return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
+
+    def _no_worlds(self, knowledge: KnowledgeBase) -> dict[str, Any]:
+        """The attributes that are about the worlds, without any."""
+        return {
+            "knowledge": knowledge,
+            "_geometry_provider": self._geometry_provider.for_knowledge(knowledge),
+            "_worlds": (),
+            "_temporary_worlds": (),
+            "_reports": (),
+            "_grounded": False,
+            "_initial_state": None,
+            "_initial_state_is_due": False,
+            "_start": None,
+            "_controllers": ControllerSchedule(caught=self._caught),
+            "_robots": {},
+            "_former_robots": {},
+            "_highlights": Highlights(),
+        }
+
+    def _replace(self, edit: ReplaceWorld, engine: Engine) -> Applied:
+        """Makes the edit, in the engine thread; nothing has changed if it fails, if the engine can save its state."""
+        new, report = edit.world, SpawnReport()
+        if new.owner is not self:
+            raise InvalidArgumentError("the world", cause="another simulation keeps it")
+        if new.spawn is None and new.state is None:
+            raise UnsupportedByEngineError(engine.name, what="restore a world", remedy="load the map again")
+        state = engine.save_state() if Capability.SAVE in engine.capabilities else None
+        former = KeptWorld(self, {name: getattr(self, name) for name in new.contents}, state=state)
+        if new.spawn is not None:
+            engine.clear()
+        try:
+            if new.state is not None:
+                engine.restore_state(new.state)
+            self._perturbations.clear()
+            self.__dict__ |= new.contents
+            if new.spawn is not None:
+                report = engine.apply(new.spawn).report
+                self._keep(new.spawn, report)
+            self._highlights.reapply(engine)
+        except BaseException:
+            if state is not None:
+                engine.restore_state(state)
+                self.__dict__ |= former.contents
+            raise
+        return Applied(edit=edit, inverse=ReplaceWorld(former, title=edit.label), report=report)
 
     @checked
     def apply(
@@ -339,10 +430,12 @@ class Simulation:
             return self._run(
                 lambda engine: self.apply(edit, engine=engine),
                 label=edit.kind,
-                timeout_s=self.timeout_s + 0.02 * count if timeout_s is None else timeout_s,
+                timeout_s=self.timeout_s + _SPAWN_S * count if timeout_s is None else timeout_s,
                 edits=not isinstance(edit, SetPoses),
                 saves_first=saves_first,
             )
+        if isinstance(edit, ReplaceWorld):
+            return self._replace(edit, engine)
         if isinstance(edit, RestoreBodies) and not edit.geometry:
             edit = replace(edit, geometry=self._geometry_provider.for_world(edit.world))
         if leads_to is None:
@@ -490,21 +583,11 @@ class Simulation:
 
         def clear(engine: Engine) -> None:
             engine.clear()
-            self._worlds, self._temporary_worlds, self._reports, self._initial_state = (), (), (), None
-            self._initial_state_is_due = False
-            self._grounded, self._start = False, None
-            self._geometry_provider.clear()
             self._perturbations.clear()
-            self._controllers, self._robots = ControllerSchedule(caught=self._caught), {}
+            self.__dict__ |= self._no_worlds(self.knowledge)
 
         self.run_on_engine(clear, label="clear", edits=True)
         self.edits.clear()
-
-    def set_knowledge(self, knowledge: KnowledgeBase) -> None:
-        """Removes all worlds and replaces the knowledge base."""
-        self.clear()
-        self.knowledge = knowledge
-        self._geometry_provider.set_knowledge(knowledge)
 
     @property
     def engine_error(self) -> EngineError | None:

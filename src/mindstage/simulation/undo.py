@@ -24,6 +24,7 @@ from mindstage.errors import (
     NothingToUndoError,
     SimulationError,
 )
+from mindstage.knowledge import KnowledgeBase
 from mindstage.ranges import Index, checked
 from mindstage.scene import BodyId, BodyPhysics, Material, Pose, PoseLike, World, as_pose
 from mindstage.scene.edits import (
@@ -38,6 +39,7 @@ from mindstage.scene.edits import (
     counted_ids,
 )
 from mindstage.simulation.body_groups import find_dependents
+from mindstage.simulation.replacing import KeptWorld, ReplaceWorld
 from mindstage.simulation.state import EngineSession
 
 __all__ = ["Edits", "StartState", "UndoHistory"]
@@ -48,6 +50,9 @@ _MAX_UNDO = 200
 """Length of the undo history."""
 _MAX_EXACT = 20
 """The last edits that can be undone exactly; each keeps a state of the engine."""
+
+_MAX_REPLACED = 3
+"""The last replacements of all worlds that can be undone; each keeps a knowledge base and a state of the engine."""
 
 
 @dataclass(slots=True)
@@ -63,6 +68,11 @@ class _Step:
     """The state before; None if it is not known any more."""
     key: object = None
     """`Engine.state_key` of the state after."""
+
+    @property
+    def replaced(self) -> KeptWorld | None:
+        """What is restored, if all worlds were replaced."""
+        return self.inverse.world if isinstance(self.inverse, ReplaceWorld) else None
 
 
 class UndoHistory(msgspec.Struct, frozen=True):
@@ -80,6 +90,8 @@ class Edits:
         self._done: list[_Step] = []
         self._undone: list[_Step] = []
         self._version = 0
+        self._end = ""
+        """Why the history does not begin earlier."""
         self._lock = threading.RLock()
 
     @property
@@ -89,6 +101,13 @@ class Edits:
             return UndoHistory(
                 tuple(step.label for step in self._done[::-1]), tuple(step.label for step in self._undone[::-1])
             )
+
+    @property
+    def knowledge_bases(self) -> tuple[KnowledgeBase, ...]:
+        """Those that undo or redo can bring back, which must stay open; see `Simulation.replace_world`."""
+        with self._lock:
+            steps = (*self._done, *self._undone)
+        return tuple(world.knowledge for step in steps if (world := step.replaced) is not None)
 
     # -- edits ---------------------------------------------------------------------------------------------------------
 
@@ -106,7 +125,7 @@ class Edits:
         def apply(engine: Engine) -> Applied:
             last = self._done[-1] if self._done else None
             continues = continues_last and last is not None and last.label == edit.label and last.edit is not None
-            state = None if continues else _saved(engine)
+            state = None if continues else _saved(engine, edit)
             applied = self._simulation.apply(edit, engine=engine)
             if continues and last is not None:
                 last.edit, last.key = edit, engine.state_key
@@ -221,8 +240,21 @@ class Edits:
             self._version += 1
             self._done.append(step)
             del self._done[:-_MAX_UNDO]
+            self._forget_worlds()
             _forget_states(self._done)
             self._undone.clear()
+
+    def _forget_worlds(self) -> None:
+        """Removes the steps up to the last replacement of all worlds that cannot be undone."""
+        replaced = [(index, step.replaced) for index, step in enumerate(self._done) if step.replaced is not None]
+        too_old = [index for index, _ in replaced[:-_MAX_REPLACED]]
+        not_saved = [index for index, world in replaced if world.state is None]
+        if too_old:
+            self._end = f"only the last {_MAX_REPLACED} replacements of the world can be undone, such as loaded maps"
+        if not_saved:
+            self._end = "the world was replaced, and the engine cannot save its state"
+        if forgotten := (*too_old, *not_saved):
+            del self._done[: max(forgotten) + 1]
 
     def record_motion(self, before: Mapping[BodyId, Pose], *, label: str) -> bool:
         """Records what has moved since some poses as one edit, such as a drag by hand; False if nothing has.
@@ -342,13 +374,14 @@ class Edits:
         """Removes all edits from the history."""
         with self._lock:
             self._version += 1
+            self._end = ""
             self._done.clear()
             self._undone.clear()
 
     def _undo_redo(self, source: list[_Step], target: list[_Step], *, redo: bool) -> str:
         def undo_redo(engine: Engine) -> str:
             if not source:
-                raise NothingToUndoError(redo=redo)
+                raise NothingToUndoError(redo=redo, reason="" if redo else self._end)
             return self._step(engine, source, target)
 
         return self._simulation.run_on_engine(undo_redo, label="redo" if redo else "undo", edits=True)
@@ -363,7 +396,7 @@ class Edits:
             reverted = _Step(step.label, None, None, engine.save_state())
             engine.restore_state(step.state)
         else:
-            state = _saved(engine)
+            state = _saved(engine, step.inverse)
             is_exact = step.state is not None and engine.state_key is step.key
             applied = self._simulation.apply(step.inverse, engine=engine, leads_to=step.state if is_exact else None)
             inverse = step.edit if is_exact else applied.inverse
@@ -374,9 +407,9 @@ class Edits:
         return step.label
 
 
-def _saved(engine: Engine) -> SavedState | None:
-    """The state of an engine that can tell when it is in that state again."""
-    return None if engine.state_key is None else engine.save_state()
+def _saved(engine: Engine, edit: Edit) -> SavedState | None:
+    """The state of an engine that can tell when it is in that state again; a world that is replaced has its own."""
+    return None if engine.state_key is None or isinstance(edit, ReplaceWorld) else engine.save_state()
 
 
 def _forget_states(steps: list[_Step]) -> None:

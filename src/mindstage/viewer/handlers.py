@@ -89,7 +89,7 @@ class FileHandler:
             channel: the channel of the pages.
         """
         self._simulation, self._channel = simulation, channel
-        self._loaded: KnowledgeBase | None = None
+        self._loaded: list[KnowledgeBase] = []
         channel.register("save", SaveRequest, self._save, FILE, queue="files")
         channel.register("formats", EmptyRequest, self._formats, READ)
         channel.register("load", LoadRequest, self._load, FILE, queue="files")
@@ -121,11 +121,13 @@ class FileHandler:
     def _load(self, _: ClientSession, request: LoadRequest) -> dict[str, object]:
         knowledge, world = self._read(request)
         playing, speed = self._simulation.state.playing, self._simulation.state.speed
-        self._simulation.set_knowledge(knowledge)
-        before, self._loaded = self._loaded, knowledge
-        report = self._simulation.spawn(world)
-        if before is not None:
-            before.close()
+        self._loaded.append(knowledge)
+        report = self._simulation.replace_world(world, knowledge=knowledge)
+        in_use = {id(each) for each in (self._simulation.knowledge, *self._simulation.edits.knowledge_bases)}
+        for each in self._loaded:
+            if id(each) not in in_use:
+                each.close()
+        self._loaded = [each for each in self._loaded if id(each) in in_use]
         if playing:
             self._simulation.play(speed=speed)
         failed = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
