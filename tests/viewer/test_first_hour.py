@@ -114,7 +114,7 @@ def add_a_mug(page: Page, kitchen: Simulation) -> None:
 def save_the_map(page: Page, folder: Path) -> Path:
     show_me(page)
     with page.expect_download() as download:
-        page.locator("[data-action=save]").select_option("turtle semlog")
+        page.locator("[data-action=save]").select_option("ttl semlog")
     download.value.save_as(folder / "kitchen.ttl")
     return folder / "kitchen.ttl"
 

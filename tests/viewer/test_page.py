@@ -333,7 +333,7 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
 ) -> None:
     tab = open_page(viewer)
     with tab.page.expect_download() as download:
-        tab.page.locator("[data-action=save]").select_option("turtle semlog")
+        tab.page.locator("[data-action=save]").select_option("ttl semlog")
     saved = tmp_path / download.value.suggested_filename
     download.value.save_as(saved)
     assert saved.name == "map.ttl"

@@ -241,7 +241,7 @@ def test_an_engine_without_actuators_shows_robots_and_refuses_motions() -> None:
         simulation.spawn(kitchenette())
         with Viewer(simulation, port=0) as viewer:
             page = FakePage(viewer.channel)
-            name = page.ask("robots.add", model=NAME, at=[0.0, -1.2, 0.5])
+            name = page.ask("robots.add", model=NAME, pose=[0.0, -1.2, 0.5])
             assert [each["name"] for each in page.latest_value("robots")] == [name]
             assert find_robot(simulation, name).base_pose() == pytest.approx((0.0, -1.2, 0.5))
             with pytest.raises(RequestFailedError, match="no actuators"):
@@ -379,7 +379,7 @@ def test_the_state_of_a_skill_is_that_of_its_steps_and_its_end(fake: FakePage, v
 def test_handles_and_regions_are_shown_until_they_are_hidden_or_the_robot_is_removed(
     fake: FakePage, viewer: Viewer, simulation: Simulation, robot: Robot
 ) -> None:
-    second = fake.ask("robots.add", model=NAME, at=[-1.0, 2.0, 0.0])
+    second = fake.ask("robots.add", model=NAME, pose=[-1.0, 2.0, 0.0])
     for name in (NAME, second):
         fake.ask("robots.target", robot=name, arm="arm", shown=True)
         fake.ask("robots.region", robot=name, arm="arm", shown=True, height_m=0.8)
@@ -394,7 +394,7 @@ def test_handles_and_regions_are_shown_until_they_are_hidden_or_the_robot_is_rem
     assert [each["name"] for each in fake.latest_value("robots")] == [NAME]
     assert list(simulation.robots) == [NAME]
     assert fake.latest_value("robot_states").keys() == {NAME}
-    again = fake.ask("robots.add", model=NAME, at=[-1.0, 2.0, 0.0])
+    again = fake.ask("robots.add", model=NAME, pose=[-1.0, 2.0, 0.0])
     assert again == second
     state = fake.latest_value("robot_states")[again]["targets"]["arm"]
     assert (state["shown"], state["region"]) == (False, False), "nothing of the removed one is left"

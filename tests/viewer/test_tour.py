@@ -149,7 +149,7 @@ def add_a_plate_to_the_table(tab: PageTab, kitchen: Simulation) -> BodyId:
 
 def save_the_map(tab: PageTab, folder: Path) -> Path:
     with tab.page.expect_download() as download:
-        tab.page.locator("[data-action=save]").select_option("turtle semlog")
+        tab.page.locator("[data-action=save]").select_option("ttl semlog")
     saved = folder / download.value.suggested_filename
     download.value.save_as(saved)
     return saved
