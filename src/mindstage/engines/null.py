@@ -141,6 +141,8 @@ class NullEngine(EditingEngine):
     def _set_pose(self, id: BodyId, pose: Pose, *, restores: bool) -> None:
         self._move(id, pose)
         registry = self._registry
+        if not any(joint.mimic for joint in registry.joints.values()):
+            return
         poses = {each: normalized_pose_array(body.pose) for each, body in registry.bodies.items()}
         coupled = coupled_body_poses(registry.joints, self._joint_frames, registry.bodies, poses, id)
         for other, row in coupled.items():
