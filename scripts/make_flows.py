@@ -105,8 +105,8 @@ def flows() -> Iterator[tuple[str, list[str]]]:
             sim.step(0.01)
 
         yield "`World` to MuJoCo with `Simulation`: geometry, thread, `step`", tracer.run(spawn_with_geometry)
-        drawer = sim.joint("fridge_door")
-        yield "open a door, `step`", tracer.run(lambda: (drawer.open(), sim.step(0.1)))
+        door = sim.joint("fridge_door")
+        yield "open a door, `step`", tracer.run(lambda: (door.open(), sim.step(0.1)))
         answers = "storage_place_in_environment"
         yield "`ask`, then `highlight`", tracer.run(lambda: sim.highlight(sim.ask(answers, item="CowsMilk"), "green"))
         yield "`snapshot`, then `save_map`", tracer.run(lambda: save_map(sim.snapshot(), Path(folder, "now.owl")))

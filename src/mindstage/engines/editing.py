@@ -202,11 +202,9 @@ class EditingEngine(ABC):
         holders: dict[BodyId, tuple[BodyId, Pose]] = {}
         alone: dict[BodyId, tuple[BodyId, Pose]] = {}
         """Those of the bodies that no other body of the edit moves: whether they rest is found at once, at the end."""
-        now = present
         try:
             for id, pose in edit.poses.items():
-                if id in connected:
-                    now = self._described_poses()
+                now = self._described_poses() if id in connected else present
                 held = {id: (holder_of[id], now[holder_of[id]])} if id in holder_of else {}
                 undone[id] = now[id]
                 self._set_pose(id, self._relative_pose(id, pose, edit.holders, now), restores=edit.holders is not None)
@@ -256,9 +254,8 @@ class EditingEngine(ABC):
     def _holder_of(self) -> dict[BodyId, BodyId]:
         """What each body is attached to or on a joint of."""
         entities, found = self._entities(), dict[BodyId, BodyId]()
-        if (
-            Capability.JOINTS in self._engine.capabilities
-        ):  # otherwise a body does not move with what holds it by a joint
+        # Without this capability, a body does not move with what holds it by a joint.
+        if Capability.JOINTS in self._engine.capabilities:
             for joint in entities.joints.values():
                 moving, holder = moving_body(joint, entities.bodies[joint.parent], entities.bodies[joint.child])
                 found.setdefault(moving.id, holder.id)

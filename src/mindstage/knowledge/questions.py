@@ -824,16 +824,12 @@ def question(
             about_past=about_past,
             access=access,
         )
-        key = declared.module, declared.name
-        installed = extensions(Group.QUESTIONS).get(declared.name)
-        modules = [module for module, name in _declared if name == declared.name]
-        if installed is not None:
-            modules.append(installed.module)
-        if (others := {*modules} - {declared.module}) and not (
-            installed and key == (installed.module, installed.attribute)
-        ):
-            raise ValueError(f"two questions {declared.name}: of {declared.module} and of {', '.join(sorted(others))}")
-        _declared[key] = declared
+        module, name = declared.module, declared.name
+        installed = extensions(Group.QUESTIONS).get(name)
+        others = {each for each, its_name in _declared if its_name == name} if installed is None else {installed.module}
+        if others := others - {module}:
+            raise ValueError(f"two questions {name}: of {module} and of {', '.join(sorted(others))}")
+        _declared[module, name] = declared
         return declared
 
     return declare if function is None else declare(function)

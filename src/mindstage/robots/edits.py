@@ -221,7 +221,7 @@ def add_robot(
     Args:
         session: the simulation.
         source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
-        pose: where it stands on the floor, in the world frame.
+        pose: where it stands on the floor, in the world frame; three numbers are x, y and z, without a rotation.
         name: its name; by default that of the model, numbered if there are several.
         xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
             Give False for a source that the user has not chosen.

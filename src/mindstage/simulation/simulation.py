@@ -421,18 +421,17 @@ class Simulation:
             WorldError: the world does not allow it, as stated at the class of the edit; nothing changes then.
         """
         if engine is None:
-            for each in _primitives(edit):
-                if isinstance(each, Spawn | RestoreBodies):
-                    self._geometry_provider.require_granted(each.world)
-            spawned = [each.world for each in _primitives(edit) if isinstance(each, Spawn)]
-            count = sum(len(world.bodies) + len(world.joints) for world in spawned)
-            saves_first = not any(isinstance(each, Spawn) and each.persistent for each in _primitives(edit))
+            added = [each for each in _primitives(edit) if isinstance(each, Spawn | RestoreBodies)]
+            for addition in added:
+                self._geometry_provider.require_granted(addition.world)
+            spawned = [each for each in added if isinstance(each, Spawn)]
+            count = sum(len(each.world.bodies) + len(each.world.joints) for each in spawned)
             return self._run(
                 lambda engine: self.apply(edit, engine=engine),
                 label=edit.kind,
                 timeout_s=self.timeout_s + _SPAWN_S * count if timeout_s is None else timeout_s,
                 edits=not isinstance(edit, SetPoses),
-                saves_first=saves_first,
+                saves_first=not any(each.persistent for each in spawned),
             )
         if isinstance(edit, ReplaceWorld):
             return self._replace(edit, engine)
