@@ -89,7 +89,7 @@ def test_words_that_no_wording_has_lead_to_no_question(declared: Question[Answer
         ("which things are to the left of the fridge?", "direction_of"),
         ("what is nextto milk_carton_1", "where_is"),
         ("what is beside milk_carton_1", "where_is"),
-        ("is the fridge closed?", "openings"),
+        ("is the fridge closed?", "articulated_parts"),
     ],
 )
 def test_values_of_enumerations_are_words_of_a_question(sentence: str, question: str) -> None:
