@@ -157,16 +157,14 @@ def test_a_question_of_a_users_program_is_offered_if_it_declares_that_it_reads()
 
 
 def test_a_question_of_a_users_program_hides_no_installed_one() -> None:
-    @question
     def nearest(kb: QuestionContext, thing: IndividualName | None = None) -> Iterator[Cheer]:
         """Another question of that name."""
         yield Cheer(thing=Iri("urn:nobody"))
 
-    try:
-        assert get_question("nearest").module == "mindstage.knowledge.queries.proximity"
-        assert [each.name for each in list_questions()].count("nearest") == 1
-    finally:
-        del declarations._declared[nearest.module, nearest.name]
+    with pytest.raises(ValueError, match=r"two questions nearest: .*and of mindstage\.knowledge\.queries\.proximity"):
+        question(nearest)
+    assert get_question("nearest").module == "mindstage.knowledge.queries.proximity"
+    assert [each.name for each in list_questions()].count("nearest") == 1
 
 
 def test_an_unknown_question_is_an_error_with_the_nearest_name() -> None:
