@@ -16,11 +16,12 @@ import numpy as np
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.ranges import Count, Length, WallTime, checked
-from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
+from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
 from mindstage.robots.models.robot_model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
+from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
@@ -70,7 +71,7 @@ class _Placing:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         arm: Arm | str,
         targets: Iterable[PoseLike],
         *,
@@ -232,7 +233,7 @@ class _Placing:
 
 @checked
 def find_base_placements(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     targets: Iterable[PoseLike],
     *,
@@ -288,7 +289,7 @@ def find_base_placements(
 
 
 def reachable_region(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str = "",
     height_m: float = 1.0,
     *,

@@ -18,9 +18,10 @@ from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.ranges import Count, Finite, Length, Point, Seed, WallTime, checked
-from mindstage.robots.collisions import CollisionChecker, MotionRobot
+from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.planning import load_ompl, termination
+from mindstage.robots.robot import Robot
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.bounding_boxes import Indices
@@ -63,7 +64,7 @@ class FloorMap:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         *,
         ignore: Collection[BodyId] = (),
         moved: Mapping[BodyId, PoseLike] | None = None,
@@ -169,7 +170,7 @@ def _radius(low: Array, high: Array, base: tuple[float, float, float]) -> float:
 
 @checked
 def plan_base(
-    robot: MotionRobot,
+    robot: Robot,
     goal: Point,
     *,
     ignore: Collection[BodyId] = (),
@@ -245,7 +246,7 @@ class _Way:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         goal: tuple[float, float, float],
         ignore: Collection[BodyId],
         clearance_m: float,

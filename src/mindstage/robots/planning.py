@@ -17,10 +17,11 @@ import numpy as np
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
 from mindstage.ranges import Count, Finite, Fraction, Length, Point, Positive, Seed, WallTime, checked
-from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker
 from mindstage.robots.drives import planar_inverse, planar_multiply
 from mindstage.robots.models.robot_model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
+from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import IkResult, IkTolerance, RobotKinematics
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
@@ -77,7 +78,7 @@ def load_ompl(seed: int) -> Any:
     return ompl
 
 
-def find_arm(robot: MotionRobot, arm: Arm | str = "") -> Arm:
+def find_arm(robot: Robot, arm: Arm | str = "") -> Arm:
     """The arm of a name; the first one if the name is empty.
 
     Raises:
@@ -113,7 +114,7 @@ class _ArmTask:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         arm: Arm | str,
         *,
         start: Mapping[str, float] | None,
@@ -206,7 +207,7 @@ class _ArmTask:
 
 @checked
 def plan_arm(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     target: Mapping[str, Finite] | PoseLike,
     *,
@@ -279,7 +280,7 @@ def plan_arm(
 
 @checked
 def plan_line(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     target: PoseLike,
     *,
@@ -312,7 +313,7 @@ def plan_line(
 
 @checked
 def plan_path(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     poses: Iterable[PoseLike],
     *,
