@@ -16,7 +16,8 @@ import numpy as np
 
 from mindstage.engines.base import Engine
 from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
-from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.drives import links_moved_by
+from mindstage.robots.floor_poses import BasePose, base_pose_of
 from mindstage.robots.models.robot_model import Gripper, RobotJoint, RobotModel
 from mindstage.robots.robot import Robot
 from mindstage.scene import BodyId, PoseLike, Vector
@@ -185,9 +186,7 @@ class CollisionChecker:
         self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
         self._set_joints()
         self._base_joint = robot.placed.base_joint_id if base_moves else None
-        root = robot.link_pose(model.root)
-        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
-        self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
+        self._base_frame = robot.base_frame()
         self._classify(touch)
         self._fit_links()
         nearest: dict[tuple[int, int], float] = {}
@@ -271,7 +270,7 @@ class CollisionChecker:
         self._columns = np.array(columns, dtype=np.intp)
         self._factors, self._offsets = np.array(factors), np.array(offsets)
 
-    def find(self, values: Array | Sequence[float], base: tuple[float, float, float] | None = None) -> Collision | None:
+    def find(self, values: Array | Sequence[float], base: BasePose | None = None) -> Collision | None:
         """The worst collision in a state; None if it is free.
 
         Args:
@@ -282,7 +281,7 @@ class CollisionChecker:
         self.tests += 1
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
-            contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
+            contacts.set_planar_pose(self._base_joint, *base_pose_of(self._base_frame.root_at(base)))
         self._set_values(values)
         found = self._too_near(self._allowed)
         if not found:
@@ -308,9 +307,7 @@ class CollisionChecker:
         """
         self._contacts.set_joint(joint, position)
 
-    def find_at(
-        self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
-    ) -> Collision | None:
+    def find_at(self, positions: Mapping[str, float], base: BasePose | None = None) -> Collision | None:
         """As `find`, with positions by joint; joints that are left out are where they were when this was made."""
         return self.find([positions.get(name, now) for name, now in zip(self.joints, self.start, strict=True)], base)
 

@@ -27,7 +27,7 @@ from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotNotFou
 from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
-from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.floor_poses import BaseFrame, BasePose, base_pose_of, planar_inverse, planar_multiply
 from mindstage.robots.models.robot_model import Gripper, RobotModel
 from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
@@ -223,10 +223,13 @@ class Robot:
             raise RobotNotFoundError(self.name, remedy="its bodies were deleted; add it again")
         return poses[id]
 
-    def base_pose(self) -> tuple[float, float, float]:
+    def base_pose(self) -> BasePose:
         """The pose of the base link on the floor, in the world frame: x, y [m], yaw [rad]."""
-        pose = self.link_pose(self.model.base.link)
-        return float(pose[0]), float(pose[1]), yaw_of(pose[3:])
+        return base_pose_of(self.link_pose(self.model.base.link))
+
+    def base_frame(self) -> BaseFrame:
+        """Where its root link is for a pose of its base."""
+        return BaseFrame(self.base_pose(), self.link_pose(self.model.root))
 
     def grasp_pose(self, gripper: str = "") -> Array:
         """The grasp frame of a gripper in the world frame; by default of the only gripper."""
