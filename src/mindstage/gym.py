@@ -31,7 +31,7 @@ from mindstage.ranges import Count, Fraction, Length, NotNegative, Point, Positi
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.edits import add_robot
-from mindstage.robots.models.robot_model import BaseType, RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import BaseType, RobotJoint
 from mindstage.robots.robot import Robot
 from mindstage.robots.skill_declaration import SkillResult
 from mindstage.robots.skill_performance import start_skill
@@ -363,7 +363,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         for joint in self._joints:
             position = now[joint.name]
             target = self._targets.get(joint.name, position)
-            tolerance = _TOLERANCES[joint.type is RobotJointType.PRISMATIC]
+            tolerance = _TOLERANCES[joint.is_prismatic]
             found[joint.name] = target if is_moving or abs(target - position) <= tolerance else position
         return found
 

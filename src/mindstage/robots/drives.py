@@ -20,7 +20,7 @@ from mindstage.engines.base import Actuator, ActuatorMode, Engine
 from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.robots.floor_poses import BasePose, base_pose_of, planar_inverse, planar_multiply, planar_pose
-from mindstage.robots.models.robot_model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.models.robot_model import BaseType, Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import Body, BodyId, Joint, Pose
 from mindstage.scene.transforms import (
@@ -88,7 +88,7 @@ class JointDrive(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def is_prismatic(self) -> bool:
         """Whether positions are in meters; otherwise in radians."""
-        return self.joint.type is RobotJointType.PRISMATIC
+        return self.joint.is_prismatic
 
     @property
     def lag_s(self) -> float:
@@ -285,7 +285,7 @@ def _joint_drive(
     is_finger: bool,
     finger_force_n: float,
 ) -> JointDrive:
-    is_prismatic = joint.type is RobotJointType.PRISMATIC
+    is_prismatic = joint.is_prismatic
     effort = joint.effort or max(_MIN_EFFORTS[is_prismatic], _EFFORT_MARGIN * load)
     errors, frequency, least_damping = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY, 0.0
     if is_finger:

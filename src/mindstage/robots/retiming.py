@@ -73,7 +73,7 @@ class MotionLimits(NamedTuple):
         """
         if not 0.0 < speed <= 1.0:
             raise InvalidArgumentError("speed", cause=f"{speed:g} is out of range", remedy="give above 0, at most 1")
-        is_slide = [joint.type is RobotJointType.PRISMATIC for joint in joints]
+        is_slide = [joint.is_prismatic for joint in joints]
         velocity = np.array(
             [joint.velocity or _DEFAULT_VELOCITIES[slide] for joint, slide in zip(joints, is_slide, strict=True)]
         )

@@ -134,7 +134,7 @@ class _Chain:
         for joint in path:
             pending = pose_multiply(pending, normalized_pose_array(joint.origin))
             if joint.is_movable:
-                is_slide = joint.type is RobotJointType.PRISMATIC
+                is_slide = joint.is_prismatic
                 kind = ChainJointType.SLIDE if is_slide else ChainJointType.HINGE
                 joints.append(ChainJoint(joint.name, kind, pending, joint.axis, _range(joint)))
                 pending = _IDENTITY

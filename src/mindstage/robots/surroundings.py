@@ -7,6 +7,7 @@ in, where its kind is stored: these are answers to declared questions about the 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -20,7 +21,7 @@ from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_mult
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.simulation import Simulation
 
-__all__ = ["ArticulatedPart", "Surroundings"]
+__all__ = ["ArticulatedPart", "Surroundings", "Thing"]
 
 _RELATIONS = {True: "into", False: "onto"}
 _CLOSED_SHARE = 0.05
@@ -47,6 +48,23 @@ class ArticulatedPart(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     def is_closed(self) -> bool:
         """Whether it is closed, or open by less than 5 %."""
         return self.openness < _CLOSED_SHARE
+
+
+class Thing(NamedTuple):
+    """A thing that a robot handles, as it is at one time."""
+
+    id: BodyId
+    body: Body
+    geometry: BodyGeometry | None
+    """None if it is its primitive shape."""
+    pose: Array
+    """Position [m] and unit quaternion (w, x, y, z) in the world frame."""
+    low: Array
+    """The lowest corner of its box along the axes of the world [m]."""
+    high: Array
+    """The highest one [m]."""
+    container: tuple[Array, Array] | None
+    """The lowest and the highest corner of what it is in [m]."""
 
 
 class Surroundings:
@@ -111,6 +129,16 @@ class Surroundings:
         corners = np.array(np.meshgrid(*[(-each / 2, each / 2) for each in size])).reshape(3, -1).T
         placed = pose[:3] + quat_rotate(pose[3:], corners)
         return placed.min(axis=0), placed.max(axis=0)
+
+    def thing(self, id: BodyId) -> Thing:
+        """What is to be known of a thing to handle it.
+
+        Raises:
+            BodyNotFoundError: it does not exist.
+        """
+        inside = self.containers_of(id)
+        container = self.box(inside[0]) if inside else None
+        return Thing(id, self.body(id), self.geometry(id), self.pose(id), *self.box(id), container)
 
     def find(self, name: str) -> BodyId:
         """The body of that id or IRI, the individual named by these words, or the only body of that class.

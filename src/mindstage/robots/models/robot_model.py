@@ -83,6 +83,16 @@ class RobotJoint(msgspec.Struct, frozen=True, kw_only=True):
         return self.type is not RobotJointType.FIXED
 
     @property
+    def is_prismatic(self) -> bool:
+        """Whether positions are in meters; otherwise in radians."""
+        return self.type is RobotJointType.PRISMATIC
+
+    @property
+    def unit(self) -> str:
+        """That of its positions: "m" or "rad"."""
+        return "m" if self.is_prismatic else "rad"
+
+    @property
     def is_actuated(self) -> bool:
         """Whether it has a drive of its own: movable, and not following another joint."""
         return self.is_movable and self.mimic is None

@@ -17,7 +17,7 @@ from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
-from mindstage.robots.surroundings import ArticulatedPart, Surroundings
+from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.transforms import (
@@ -29,7 +29,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["grasp", "pick", "pick_up", "place", "placement_to_reach", "pour", "put_down", "release"]
+__all__ = ["find_grasp", "grasp", "pick", "pick_up", "place", "pour", "put_down", "release"]
 
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _BACK_M = 0.12
@@ -89,7 +89,7 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     id = surroundings.find(thing)
     if hand_with(task, id) is None:
         hand = free_hand(task, f"to grasp {id}")
-        yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)
+        yield from _grasping(task, hand, id, upright=None, stays=True)
 
 
 @skill(needs=_NEEDS)
@@ -185,7 +185,7 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     slipped = False
     for attempt in range(_ATTEMPTS):
         try:
-            placement = yield from _grasping(task, hand, task.surroundings(), id, upright=upright, fix=slipped)
+            placement = yield from _grasping(task, hand, id, upright=upright, fix=slipped)
         except SkillFailedError as error:
             if attempt == _ATTEMPTS - 1:
                 raise
@@ -204,7 +204,6 @@ class _SlippedError(SkillFailedError):
 def _grasping(
     task: SkillTask,
     hand: Manipulator,
-    surroundings: Surroundings,
     id: BodyId,
     *,
     upright: bool | None,
@@ -214,7 +213,6 @@ def _grasping(
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
 
     Args:
-        surroundings: where everything is.
         id: the thing.
         upright: see `pick_up`.
         stays: whether the base stays where it is.
@@ -225,7 +223,8 @@ def _grasping(
     """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
-        placement = yield from _hand_before(task, hand, surroundings, id, upright=upright, stays=stays)
+        placement = yield from _hand_before(task, hand, id, upright=upright, stays=stays)
+        surroundings = task.surroundings()
         yield from hand.moving_straight(placement.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if placement.grasp.is_by_friction:
@@ -242,7 +241,7 @@ def _grasping(
 
 
 def _standing_before(
-    hand: Manipulator, request: GraspMotionRequest, placement: GraspMotion
+    hand: Manipulator, placement: GraspMotion, request: GraspMotionRequest
 ) -> Generator[float, None, GraspMotion]:
     """Drives to where a thing is grasped, and takes the open hand in front of it, by the first grasp with a way."""
     for _ in range(_MAX_STANCES):
@@ -266,111 +265,74 @@ def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
 
 
 def _hand_before(
-    task: SkillTask,
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    *,
-    upright: bool | None,
-    stays: bool,
+    task: SkillTask, hand: Manipulator, id: BodyId, *, upright: bool | None, stays: bool
 ) -> Generator[float, None, GraspMotion]:
     """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
 
     What is in front of the thing is opened farther if there is no placement, or no way of the base or the arm.
     """
-    floor = FloorMap(hand.robot) if hand.is_mobile and not stays else None
-    try:
-        found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
-        return (yield from _standing_before(hand, found[1], found[0]))
-    except UnreachableError as error:
-        cause = error
-    for part in [] if stays else surroundings.in_front_of(id):
+    parts = iter([] if stays else task.surroundings().in_front_of(id))
+    while True:
+        thing, floor = task.surroundings().thing(id), FloorMap(hand.robot) if hand.is_mobile and not stays else None
+        try:
+            found = _by_friction(hand, thing, floor, upright=upright, stays=stays)
+            return (yield from _standing_before(hand, *found))
+        except UnreachableError as error:
+            cause = error
+        part = next((each for each in parts if each.openness <= _WIDE_OPEN), None)
+        if part is None:
+            break
         before = part.openness
-        if before > _WIDE_OPEN:
-            continue
         try:
             yield from moving_part(task, part, 1.0)
             yield from hand.parking()
         except (SkillFailedError, UnreachableError) as error:
             if part.openness < before + _FARTHER:
-                raise _with_part(cause, part, error.reason) from None
-        surroundings, floor = task.surroundings(), FloorMap(hand.robot)
-        try:
-            found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
-            return (yield from _standing_before(hand, found[1], found[0]))
-        except UnreachableError as error:
-            cause = error
-    placement, request = _weld_placement(hand, surroundings, id, cause, floor, stays=stays)
-    return (yield from _standing_before(hand, request, placement))
+                text = f"{part.id} is {part.openness:.0%} open and cannot be opened farther: {error.reason}"
+                reason = f"{cause.reason}; {text}"
+                raise UnreachableError(
+                    cause.robot, target=cause.target, reason=reason, obstacle=cause.obstacle
+                ) from None
+    return (yield from _standing_before(hand, *_by_weld(hand, thing, floor, cause, stays=stays)))
 
 
-def placement_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> GraspMotion:
-    """How the hand gets in front of a thing from where the robot stands.
+def find_grasp(hand: Manipulator, thing: Thing, floor: FloorMap | None = None, *, stays: bool = False) -> GraspMotion:
+    """How a hand gets in front of a thing.
+
+    Args:
+        floor: the free floor, if the base may drive.
+        stays: whether the base stays where it is.
 
     Raises:
         UnreachableError: it does not.
     """
     try:
-        return _friction_placement(hand, surroundings, id, None, upright=None, stays=True)[0]
+        return _by_friction(hand, thing, floor, upright=None, stays=stays)[0]
     except UnreachableError as error:
-        return _weld_placement(hand, surroundings, id, error, None, stays=True)[0]
+        return _by_weld(hand, thing, floor, error, stays=stays)[0]
 
 
-def _with_part(cause: UnreachableError, part: ArticulatedPart, reason: str) -> UnreachableError:
-    """The error about a thing that is not reached, and what is in front of it cannot be opened farther."""
-    text = f"{cause.reason}; {part.id} is {part.openness:.0%} open and cannot be opened farther: {reason}"
-    return UnreachableError(cause.robot, target=cause.target, reason=text, obstacle=cause.obstacle)
+_Found = tuple[GraspMotion, GraspMotionRequest]
 
 
-def _friction_placement(
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    floor: FloorMap | None,
-    *,
-    upright: bool | None,
-    stays: bool,
-) -> tuple[GraspMotion, GraspMotionRequest]:
-    """A placement for a grasp by friction.
+def _by_friction(
+    hand: Manipulator, thing: Thing, floor: FloorMap | None, *, upright: bool | None, stays: bool
+) -> _Found:
+    """A motion for a grasp by friction, the one that comes from the preferred direction if possible.
 
     Raises:
         UnreachableError: there is none.
     """
-    request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
-    try:
-        return find_grasp_motion(hand, request, floor), request
-    except UnreachableError as error:
-        shallow = [tips for each in request.grasps if (tips := each.shallow()) is not None]
-        if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
-            raise
-        request = request._replace(grasps=shallow)
-        try:
-            return find_grasp_motion(hand, request, floor), request
-        except UnreachableError:
-            raise error from None
-
-
-def _grasp_request(
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    floor: FloorMap | None,
-    *,
-    upright: bool | None,
-    stays: bool,
-) -> GraspMotionRequest:
-    body, pose = surroundings.body(id), surroundings.pose(id)
-    found = list(grasps_of(body, surroundings.geometry(id), pose, hand.gripper, hand.shape))
-    is_tall = (body.size or (0.0, 0.0, 0.0))[2] > 0.09
+    pose = thing.pose
+    is_tall = (thing.body.size or (0.0, 0.0, 0.0))[2] > 0.09
     from_side = is_tall if upright is None else upright
-    level = surroundings.box(id)[0][2]
     towards = _from_floor(hand, pose, floor)
 
     def cost(each: Grasp) -> tuple[float, ...]:
         at = each.in_world(pose)
         x = quat_rotate(at[3:], (1.0, 0.0, 0.0))
         steep = abs(x[2]) if from_side else 1.0 + x[2]
-        low = max(0.0, level + 0.05 - at[2]) if from_side else 0.0
+        low = max(0.0, thing.low[2] + 0.05 - at[2]) if from_side else 0.0
         aside = round(1.0 - float(x[:2] @ towards), 1)
         turned_over = hand.up * quat_rotate(at[3:], (0.0, 0.0, 1.0))[2] < -_TURNED_OVER
         return (
@@ -382,16 +344,25 @@ def _grasp_request(
             turned_over,
         )
 
-    found.sort(key=cost)
+    grasps = sorted(grasps_of(thing.body, thing.geometry, pose, hand.gripper, hand.shape), key=cost)
     if upright:
-        level_ones = [each for each in found if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
-        found = level_ones or found
-    chosen = _in_many_directions(found, pose)
+        level = [each for each in grasps if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
+        grasps = level or grasps
+    grasps = _in_many_directions(grasps, pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
-    inside = surroundings.containers_of(id)
-    container = surroundings.box(inside[0]) if inside else None
-    return GraspMotionRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
+    request = GraspMotionRequest(thing.id, grasps, lifted, _BACK_M, container=thing.container, least=0.9, stays=stays)
+    try:
+        return find_grasp_motion(hand, request, floor), request
+    except UnreachableError as error:
+        shallow = [tips for each in grasps if (tips := each.shallow()) is not None]
+        if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
+            raise
+        request = request._replace(grasps=shallow)
+        try:
+            return find_grasp_motion(hand, request, floor), request
+        except UnreachableError:
+            raise error from None
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -416,19 +387,12 @@ def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
     return sorted(found[:_MAX_GRASPS], key=lambda each: order[id(each)])
 
 
-def _weld_placement(
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    error: UnreachableError,
-    floor: FloorMap | None,
-    *,
-    stays: bool,
-) -> tuple[GraspMotion, GraspMotionRequest]:
-    """A placement from which the finger tips reach a side of a thing, which is then fixed to them."""
-    pose = surroundings.pose(id)
-    grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
-    request = GraspMotionRequest(id, grasps, pose[None], _BACK_M, stays=stays)
+def _by_weld(
+    hand: Manipulator, thing: Thing, floor: FloorMap | None, error: UnreachableError, *, stays: bool
+) -> _Found:
+    """A motion that takes the finger tips to a side of a thing, which is then fixed to them; else the error."""
+    grasps = list(weld_grasps_of(thing.body, thing.geometry, thing.pose, hand.shape))
+    request = GraspMotionRequest(thing.id, grasps, thing.pose[None], _BACK_M, stays=stays)
     try:
         return find_grasp_motion(hand, request, floor), request
     except UnreachableError:
@@ -576,11 +540,7 @@ def _check_reach(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Non
     if surroundings.in_front_of(id):
         return
     hand = free_hand(task, f"to pick up {id}")
-    floor = FloorMap(hand.robot) if hand.is_mobile else None
-    try:
-        _friction_placement(hand, surroundings, id, floor, upright=None, stays=False)
-    except UnreachableError as error:
-        _weld_placement(hand, surroundings, id, error, floor, stays=False)
+    find_grasp(hand, surroundings.thing(id), FloorMap(hand.robot) if hand.is_mobile else None)
 
 
 def _support(

@@ -19,7 +19,7 @@ from mindstage.robots.arm_paths import POSE_JOINTS, ArmPath, follow_poses, inter
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.floor_poses import BaseFrame, BasePose, wrapped
-from mindstage.robots.models.robot_model import Arm, BaseType, Gripper, RobotJointType
+from mindstage.robots.models.robot_model import Arm, BaseType, Gripper
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.robot_kinematics import RobotKinematics
@@ -188,7 +188,7 @@ class Manipulator:
 
     def is_slide(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
-        return self._joints[joint].type is RobotJointType.PRISMATIC
+        return self._joints[joint].is_prismatic
 
     def ready_positions(self) -> dict[str, float]:
         """Positions of the arm in which it can move in every direction: slides at half their range, hinges near 0.

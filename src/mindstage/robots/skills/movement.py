@@ -12,7 +12,7 @@ from mindstage.robots.models.robot_model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skill_declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
-from mindstage.robots.skills.handling import placement_to_reach
+from mindstage.robots.skills.handling import find_grasp
 from mindstage.robots.skills.manipulator import guarded, hands_of
 from mindstage.robots.surroundings import Surroundings
 from mindstage.scene import BodyId
@@ -187,7 +187,7 @@ def reach(
         return
     surroundings = task.surroundings()
     id = surroundings.find(thing)
-    placement = placement_to_reach(hand, surroundings, id)
+    placement = find_grasp(hand, surroundings.thing(id), stays=True)
     yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(placement.start, why=f"in front of {id}")
 
