@@ -84,12 +84,17 @@ _FAR = 100.0
 """Bound of numbers that have none."""
 _POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _SHOWN_NAMES = 10
+"""Number of things that an error names at most."""
 _LIFTED_M = 0.05
 """Distance from where a thing stood from which on it is picked up [m]."""
 _PROGRESS_REWARD = 10.0
+"""Reward for the whole task; for a part of it the same share."""
 _APPROACH_REWARD = 1.0
+"""Reward for each meter by which the gripper comes nearer [1/m]."""
 _SUCCESS_REWARD = 10.0
+"""Reward for having done the task."""
 _ACTION_COST = 0.01
+"""Loss for the mean of the squared actions."""
 
 
 class TaskProgress(msgspec.Struct, frozen=True, kw_only=True):

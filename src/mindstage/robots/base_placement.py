@@ -44,7 +44,9 @@ _DRIVE_WEIGHT = 0.05
 _MOVE_COST = 0.1
 """Loss of score for any way at all."""
 _HEADING_WEIGHT = 0.1
+"""Loss of score for each radian by which the base faces aside."""
 _TRIALS_PER_ANSWER = 12
+"""Number of places that are tried for each one that is asked for, before the search ends."""
 _REGION_ATTEMPTS = 3
 
 

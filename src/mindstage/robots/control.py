@@ -50,6 +50,7 @@ _SLOW = {True: 0.01, False: 0.05}
 _PATH_TOLERANCES = {True: 0.06, False: 0.25}
 """Largest deviation from a trajectory [m or rad], after which it is given up."""
 _GOAL_TOLERANCES = {True: 0.01, False: 0.02}
+"""Largest error of a prismatic [m] or revolute joint [rad] at the end of a trajectory."""
 _STALLED_S = 0.2
 _GRIPPER_TOLERANCE_M = 0.002
 _GRIPPER_TIMEOUT_S = 2.0

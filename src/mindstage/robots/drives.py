@@ -37,6 +37,7 @@ __all__ = ["BaseDrive", "JointDrive", "RobotDrives", "drives_of"]
 _FULL_EFFORT_ERRORS = {True: 0.004, False: 0.015}
 """The error at which the drive of a prismatic [m] or revolute joint [rad] has its largest effort."""
 _FINGER_FULL_EFFORT_ERRORS = {True: 0.01, False: 0.1}
+"""The same of the drive of a finger [m or rad]."""
 _MAX_FREQUENCY = 120.0
 """Largest natural frequency of a drive [rad/s], as a part of the frequency of the physics steps (500 Hz)."""
 _MAX_FINGER_FREQUENCY_RAD_S = 200.0
@@ -45,6 +46,7 @@ _GRAVITY_M_S2 = 9.81
 _EFFORT_MARGIN = 3.0
 """A joint without a stated effort can lift so many times what it carries."""
 _MIN_EFFORTS = {True: 50.0, False: 10.0}
+"""Least effort of a drive whose description has none, of a prismatic [N] or revolute joint [N m]."""
 _FREE_SPEED = 0.9
 """Part of its velocity limit at which the damping of a finger takes its largest effort."""
 _LINK_MASS_KG = 0.5

@@ -45,6 +45,7 @@ _TEST_STEP = 0.015
 _TEST_SLACK_M = 0.001
 """How much nearer they may be than the states of the path [m]."""
 _MAX_GOALS = 6
+"""Number of configurations at a target that are looked for."""
 _FREQUENT = 0.2
 """Obstacles that were met by less than this part of the most frequent one are not named."""
 _SHORTCUT_TESTS = 1500

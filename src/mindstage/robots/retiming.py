@@ -33,6 +33,7 @@ _MARGIN = 0.97
 _PERIOD_S = 0.05
 """Time between two points of a trajectory [s]."""
 _SAMPLES_OF_BLEND = 13
+"""Number of samples of a rounded corner."""
 _MIN_LINE_SAMPLES = 3
 """It is at rest at both ends, so that it can only move at a sample between them."""
 _LEAST_STEP = 1e-5
@@ -47,7 +48,9 @@ _MIN_BLEND = 1e-3
 _MIN_SPREAD = 0.3
 """Least distance between two points of a spline as part of the median."""
 _CANDIDATES = 48
+"""Number of squared speeds that are compared at a sample."""
 _REFINEMENTS = 2
+"""How often the interval between two of them is divided anew."""
 
 
 class MotionLimits(NamedTuple):

@@ -74,7 +74,6 @@ class Surroundings:
         """Takes a snapshot of the world.
 
         Args:
-            session: the simulation.
             ignored: bodies that are not things of the world, such as the links of robots.
         """
         self._session = session

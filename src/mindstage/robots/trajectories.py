@@ -36,6 +36,7 @@ _MIN_DURATION_S = 0.05
 _QUINTIC_PEAK_VELOCITY = 1.875
 """Peak velocity of a quintic from rest to rest of length 1 in time 1."""
 _QUINTIC_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
+"""Peak acceleration of that quintic; dimensionless, as the velocity."""
 
 
 class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):

@@ -47,6 +47,7 @@ _DRIFT_M = 0.025
 _ATTEMPTS = 2
 """How often a thing is grasped that slips out of the gripper."""
 _MAX_GRASPS = 24
+"""Number of grasps that are tried."""
 _NEARLY_M = 0.03
 """What is out of reach by less is tried with the finger tips."""
 _FREE_PLACES = 60
@@ -74,6 +75,7 @@ _WIDE_OPEN = 0.9
 _FARTHER = 0.05
 """Least change of the openness after which a thing behind it is looked for again."""
 _MAX_NAMES = 3
+"""Number of bodies that a reason names at most."""
 _POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
@@ -82,7 +84,6 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Grasps a thing where it is, from where the robot stands.
 
     Args:
-        task: this performance of the skill.
         thing: what to grasp.
     """
     surroundings = task.surroundings()
@@ -110,7 +111,6 @@ def pick(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Drives to a thing, grasps it and lifts it; opens what it is in.
 
     Args:
-        task: this performance of the skill.
         thing: what to pick up.
     """
     yield from pick_up(task, task.surroundings().find(thing))
@@ -123,7 +123,6 @@ def place(
     """Puts a thing at a free place on or in another one; picks it up first if it is not held.
 
     Args:
-        task: this performance of the skill.
         thing: what to put down.
         on: what to put it on.
         into: what to put it into; opened first if it is closed.
@@ -138,7 +137,6 @@ def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
     """Tilts a thing over a container so that what is in it falls out; picks it up first if it is not held.
 
     Args:
-        task: this performance of the skill.
         thing: the container to pour from.
         into: the container to pour into.
     """

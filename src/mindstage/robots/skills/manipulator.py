@@ -59,7 +59,9 @@ _OPENING_TOLERANCE_M = 0.03
 _SPEED, _HELD_SPEED = 0.6, 0.3
 """Fractions of the velocity limits of the joints, without and with a thing in the hand."""
 _HELD_SPEED_FACTOR = 0.5
+"""Factor of all speeds with a thing in the hand."""
 _HELD_CLEARANCE_M = 0.015
+"""Distance that what is held keeps from the place if there is room [m]."""
 _ONE_SIDED_M = 0.15
 """An arm whose hand is so far from the middle of the base reaches to one side [m]."""
 _PROBE = 0.02

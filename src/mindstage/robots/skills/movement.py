@@ -39,7 +39,6 @@ def go_to(
     """Drives to a thing, and faces it, or to a place on the floor.
 
     Args:
-        task: this performance of the skill.
         thing: where to drive to.
         x: of the place [m].
         y: of the place [m].
@@ -112,7 +111,6 @@ def look_at(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Turns the head towards a thing.
 
     Args:
-        task: this performance of the skill.
         thing: what to look at.
     """
     surroundings = task.surroundings()
@@ -174,7 +172,6 @@ def reach(
     """Moves the gripper in front of a thing, or to a point; the base stays where it is.
 
     Args:
-        task: this performance of the skill.
         thing: the gripper stops in front of it, where it can be grasped from.
         x: of the point [m].
         y: of the point [m].
