@@ -10,13 +10,13 @@ do by arcs, since a corner can only be passed at rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil, inf
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import RobotJoint
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array
 
@@ -81,11 +81,9 @@ class MotionLimits(NamedTuple):
             [joint.velocity or _DEFAULT_VELOCITIES[slide] for joint, slide in zip(joints, is_slide, strict=True)]
         )
         largest = np.array([_MAX_ACCELERATIONS[slide] for slide in is_slide])
-        is_endless = [joint.type is RobotJointType.CONTINUOUS for joint in joints]
-        lower = [-inf if endless or j.lower is None else j.lower for j, endless in zip(joints, is_endless, strict=True)]
-        upper = [inf if endless or j.upper is None else j.upper for j, endless in zip(joints, is_endless, strict=True)]
+        lower, upper = np.array([joint.limits for joint in joints]).T
         acceleration = np.minimum(velocity * speed / _SPEED_UP_S, largest)
-        return cls(velocity * speed, acceleration, np.array(lower), np.array(upper))
+        return cls(velocity * speed, acceleration, lower, upper)
 
 
 class PathSamples(NamedTuple):

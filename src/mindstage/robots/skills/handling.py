@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from math import cos, pi, sin
-from typing import NamedTuple
 
 import numpy as np
 
@@ -230,7 +229,8 @@ def _grasping(
         if fix or not held_by_friction:
             _fix(task, hand, id, "the fingers do not hold it by friction")
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
-        yield from _lifting(hand, id)
+        up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
+        yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
             reason = f"{id} slipped out of the gripper while it was lifted"
@@ -255,11 +255,6 @@ def _standing_before(
             continue
         return placement
     raise UnreachableError(hand.robot.name, target=request.target, reason="the arm has no way to any of its grasps")
-
-
-def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
-    up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
-    yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
 
 
 def _hand_before(
@@ -429,8 +424,7 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
     for height in _CARRY_HEIGHTS_M:
         for distance in _CARRY_DISTANCES_M:
             for turn in (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2):
-                angle = yaw + turn - heading
-                spin = np.array([cos(angle / 2), 0.0, 0.0, sin(angle / 2)])
+                spin = planar_pose((0.0, 0.0, yaw + turn - heading))[3:]
                 point = pose_multiply(base, np.array([distance, 0.0, height, 1.0, 0.0, 0.0, 0.0]))[:3]
                 target = np.concatenate([point, quat_multiply(spin, here[3:])])
                 found = hand.kinematics.solve_ik(
@@ -458,25 +452,14 @@ def _folded_poses(hand: Manipulator) -> list[dict[str, float]]:
     turning = hand.turning_joints()
     found = list[tuple[float, dict[str, float]]]()
     for share in np.linspace(0.0, 1.0, _FOLDS) if turning else (0.0,):
-        angles = {name: _between(hand.kinematics.limits(name), float(share)) for name in turning}
+        angles = {name: float(np.interp(share, (0.0, 1.0), hand.kinematics.limits(name))) for name in turning}
         positions = {name: now[name] for name in hand.arm.joints} | drawn | angles
         at = hand.kinematics.pose(frame, {**now, **positions}, root_pose=root)
         found.append((float(np.hypot(*(at[:2] - middle))), positions))
     return [positions for _, positions in sorted(found, key=lambda each: each[0])]
 
 
-def _between(limits: tuple[float, float], share: float) -> float:
-    return limits[0] + share * (limits[1] - limits[0])
-
-
 # -- putting down ------------------------------------------------------------------------------------------------------
-
-
-class _Place(NamedTuple):
-    """A free pose of a thing."""
-
-    pose: Array
-    support: BodyId
 
 
 def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> SkillMotion:
@@ -652,8 +635,7 @@ def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Ar
 
 def _spun(pose: Array, turn: float) -> Array:
     """A pose that is turned about the vertical axis through its origin."""
-    spin = np.array([cos(turn / 2), 0.0, 0.0, sin(turn / 2)])
-    return np.concatenate([pose[:3], quat_multiply(spin, pose[3:])])
+    return np.concatenate([pose[:3], quat_multiply(planar_pose((0.0, 0.0, turn))[3:], pose[3:])])
 
 
 def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) -> SkillMotion:
