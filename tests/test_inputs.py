@@ -38,7 +38,7 @@ from mindstage.robots.base_placement import find_base_placements
 from mindstage.robots.collisions import HandChecker
 from mindstage.robots.edits import add_robot
 from mindstage.robots.navigation import FloorMap
-from mindstage.robots.planning import plan_arm, plan_line, plan_path
+from mindstage.robots.planning import plan_arm, plan_path
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.scene import (
@@ -141,7 +141,6 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
     "find_base_placements targets": lambda robot, pose: find_base_placements(robot, "", [pose], count=1),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
-    "plan_line target": lambda robot, pose: plan_line(robot, "", pose),
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""

@@ -8,7 +8,7 @@ import pytest
 import mindstage as ms
 from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.planning import plan_line
+from mindstage.robots.planning import plan_path
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.scene import BodyId, Mobility, Pose
 from mindstage.scene.edits import Attach, SetPoses
@@ -145,7 +145,7 @@ def test_a_thing_held_by_friction_moves_with_the_hand() -> None:
     with robot_in(carton, table) as robot:
         assert robot.run(robot.gripping("gripper", 0.12))
         assert robot.run(robot.moving_to(reaching(robot, x - 0.25, y, z)))
-        assert robot.run(robot.following(plan_line(robot, "", Pose(HAND), touch={BodyId("carton")})))
+        assert robot.run(robot.following(plan_path(robot, "", [Pose(HAND)], touch={BodyId("carton")})))
         assert robot.run(robot.gripping("gripper", 0.0))
         assert robot.held == {"gripper": "carton"}
         checker = CollisionChecker(robot, joints=robot.model.arms[0].joints)

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.robots.base_motion import differential_path, rotated, wrapped
-from mindstage.robots.drives import BaseDrive, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.base_motion import differential_path, rotated
+from mindstage.robots.drives import BaseDrive
+from mindstage.robots.floor_poses import planar_inverse, planar_multiply, wrapped, yaw_of
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import normalized_pose_array

@@ -14,6 +14,7 @@ import mindstage as ms
 from mindstage.engines.base import DynamicsScale
 from mindstage.errors import InvalidArgumentError, SkillFailedError, UnreachableError
 from mindstage.robots import add_robot, find_robot
+from mindstage.robots.arm_paths import interpolated_poses
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.skill_declaration import SkillMotion
@@ -31,7 +32,6 @@ from mindstage.robots.skills import (
     split_command,
     start_skill,
 )
-from mindstage.robots.skills.arm_paths import interpolated_poses
 from mindstage.robots.skills.doors import moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotionRequest
 from mindstage.robots.skills.manipulator import hands_of
@@ -692,7 +692,7 @@ class TestArmsThatTakeTheBaseAlong:
             row, path = motion.end_row, motion.placement.path
             assert motion.placement.stop == row + 1 < path.reached
             moved = {door.id: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
-            x, y, _ = hand.base_of(path.roots[row])
+            x, y, _ = hand.base_frame.base_at(path.roots[row])
             assert FloorMap(robot, moved=moved).is_reachable(x, y)
 
     def test_doors_above_its_lift_are_given_up_at_once(self) -> None:

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -27,78 +27,24 @@ from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotNotFou
 from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
-from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.floor_poses import BaseFrame, BasePose, base_pose_of, planar_inverse, planar_multiply
 from mindstage.robots.models.robot_model import Gripper, RobotModel
 from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
-from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
+from mindstage.simulation.controllers import ControllerSchedule
 from mindstage.simulation.observation import SKILL_EDIT
-from mindstage.simulation.state import EngineSession, poses_in
+from mindstage.simulation.simulation import Simulation
+from mindstage.simulation.state import poses_in
 
-__all__ = ["JointState", "Odometry", "Robot", "RobotSession", "contact_free_pairs"]
+__all__ = ["JointState", "Odometry", "Robot", "contact_free_pairs"]
 
 T = TypeVar("T")
 
 _WAIT_S = 0.02
 """Simulated time between two checks of a goal [s]."""
-
-
-class ReportFunction(Protocol):
-    """Reports an edit or a request to observers, by default of the client of this thread."""
-
-    def __call__(
-        self,
-        kind: str,
-        *,
-        ids: Iterable[BodyId] = (),
-        details: Mapping[str, Any] | None = None,
-        client: str | None = None,
-    ) -> None:
-        """See `simulation.observation.Observers.report`."""
-
-
-class RobotSession(EngineSession, Protocol):
-    """The part of `Simulation` that robots use."""
-
-    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
-        """All answers to a question about the current state."""
-
-    @property
-    def report(self) -> ReportFunction:
-        """Reports an edit or a request to observers."""
-
-    @property
-    def robots(self) -> Mapping[str, SimulatedRobot]:
-        """The robots by name, except those whose bodies were deleted."""
-
-    @property
-    def former_robots(self) -> Mapping[str, SimulatedRobot]:
-        """The robots that were removed, by name."""
-
-    def keep_robot(self, robot: SimulatedRobot) -> None:
-        """Keeps a robot that an edit has added; called in the engine thread."""
-
-    def drop_robot(self, name: str) -> None:
-        """Ends a robot that an edit has removed; called in the engine thread."""
-
-
-class SkillStarter(Protocol):
-    """Starts a skill, as `robots.skills.start_skill`, which imports this module."""
-
-    def __call__(
-        self,
-        robot: Robot,
-        name: str,
-        args: Mapping[str, object],
-        *,
-        deadline_s: float,
-        seed: int,
-        on_step: Callable[[SkillStep], object] | None,
-    ) -> Generator[float, None, SkillResult]:
-        """See `robots.skills.start_skill`."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -136,10 +82,10 @@ class Robot:
         placed: RobotWorld,
         *,
         edit: Any,
-        session: RobotSession,
+        session: Simulation,
         controller: RobotController,
         report: SpawnReport,
-        start_skill: SkillStarter,
+        start_skill: Callable[..., Generator[float, None, SkillResult]],
     ) -> None:
         """Made by the edit `AddRobot`.
 
@@ -150,6 +96,8 @@ class Robot:
             edit: the `AddRobot` that has added it.
             session: the simulation.
             controller: what commands its actuators.
+            report: of the spawn of its bodies.
+            start_skill: starts a skill, as `robots.skills.start_skill`, whose module imports this one.
         """
         self.name = name
         self.model = model
@@ -275,10 +223,13 @@ class Robot:
             raise RobotNotFoundError(self.name, remedy="its bodies were deleted; add it again")
         return poses[id]
 
-    def base_pose(self) -> tuple[float, float, float]:
+    def base_pose(self) -> BasePose:
         """The pose of the base link on the floor, in the world frame: x, y [m], yaw [rad]."""
-        pose = self.link_pose(self.model.base.link)
-        return float(pose[0]), float(pose[1]), yaw_of(pose[3:])
+        return base_pose_of(self.link_pose(self.model.base.link))
+
+    def base_frame(self) -> BaseFrame:
+        """Where its root link is for a pose of its base."""
+        return BaseFrame(self.base_pose(), self.link_pose(self.model.root))
 
     def grasp_pose(self, gripper: str = "") -> Array:
         """The grasp frame of a gripper in the world frame; by default of the only gripper."""
@@ -653,7 +604,7 @@ class Robot:
         """Deletes it with its bodies."""
         self.session.edits.apply(self.edit.removal(self.session.state.ids))
 
-    def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
+    def in_copy(self, session: Simulation, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
 
         Args:
