@@ -16,7 +16,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from mindstage.access.limits import GHOSTS, COPIED_BODIES
+from mindstage.access.limits import COPIED_BODIES, GHOSTS
 from mindstage.rendering.appearance import BodyAppearance, merge_visuals
 from mindstage.scene import BodyId, Color
 from mindstage.scene.colors import srgb_to_linear
