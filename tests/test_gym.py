@@ -193,7 +193,7 @@ def test_resets_put_everything_back(open_env: OpenEnv) -> None:
     body = BodyId("Mug")
     before = poses_in(open_env.simulation.state, {body})[body]
     moved = before + np.eye(7)[2]
-    open_env.simulation.run_on_engine(lambda engine: engine.apply(SetPoses({body: pose_from_array(moved)})))
+    open_env.simulation.engine.run(lambda engine: engine.apply(SetPoses({body: pose_from_array(moved)})))
     open_env.simulation.joint("FridgeHinge").open()
     open_env.step(open_env.action_space.sample())
     open_env.reset(seed=0)
@@ -216,7 +216,7 @@ def test_a_robot_stands_on_free_floor_in_front_of_the_handle(open_env: OpenEnv, 
     assert x < at[0]
     assert np.hypot(at[0] - x, at[1] - y) < 1.6
     assert abs(np.arctan2(at[1] - y, at[0] - x) - yaw) < 0.5
-    contacts = open_env.simulation.run_on_engine(lambda engine: engine.contacts())
+    contacts = open_env.simulation.engine.run(lambda engine: engine.contacts())
     touched = {each.b if each.a in own else each.a for each in contacts if {each.a, each.b} & own}
     assert touched - own <= {"Floor", None}
 

@@ -178,14 +178,14 @@ def test_a_simulation_reports_the_loss_of_its_engine_and_continues_after_it_is_r
             simulation.play()
             eventually(lambda: simulation.state.time_s > 0.05)
             served.stop()
-            eventually(lambda: simulation.engine_error is not None)
+            eventually(lambda: simulation.engine.error is not None)
             assert "no connection" in simulation.state.error
             with pytest.raises(EngineError):
-                simulation.ping()
+                simulation.engine.ping()
             served.start()
             eventually(lambda: answers(engine))
             assert simulation.spawn(room()).ok
-            assert simulation.engine_error is None
+            assert simulation.engine.error is None
             assert diff(room(), simulation.snapshot()).identical(0.0)
 
 

@@ -80,7 +80,7 @@ def frame_of(simulation: Simulation, time_s: float) -> EpisodeFrame:
         ids=snapshot.ids,
         poses=snapshot.poses.copy(),
         joint_positions=state.joint_positions,
-        contacts=simulation.run_on_engine(lambda engine: engine.contacts()),
+        contacts=simulation.engine.run(lambda engine: engine.contacts()),
     )
 
 
@@ -116,7 +116,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             if step == 25:
                 simulation.release()
                 pose = Pose((2.0, 1.0, 1.9))
-                simulation.run_on_engine(
+                simulation.engine.run(
                     lambda engine, pose=pose: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True
                 )
             if time_s in TIMES_S:
@@ -221,15 +221,11 @@ def random_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         for step in range(40):
             x, y, z = numbers.uniform(1.2, 2.6), numbers.choice([0.0, 0.5, 1.0]), numbers.choice([0.05, 0.85, 1.85])
             pose = Pose((x, y, z))
-            simulation.run_on_engine(
-                lambda engine, pose=pose: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True
-            )
+            simulation.engine.run(lambda engine, pose=pose: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True)
             if step == 20:
-                simulation.run_on_engine(
-                    lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True
-                )
+                simulation.engine.run(lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True)
             if step == 30:
-                simulation.run_on_engine(lambda engine: engine.apply(Detach(BodyId("Mug"))), edits=True)
+                simulation.engine.run(lambda engine: engine.apply(Detach(BodyId("Mug"))), edits=True)
             simulation.step(0.02)
             frames.append(frame_of(simulation, round(step * 0.1, 6)))
         recording = FrameRecording(frames, name="random", spawned=simulation.worlds, source="mujoco")
@@ -362,9 +358,7 @@ def test_a_simulation_that_is_recorded_can_be_asked_about_what_was_recorded_so_f
         with Recorder(simulation, tmp_path / "live.mcap", rate_hz=50.0) as recorder:
             for _ in range(4):
                 x = 1.9 + 0.04 * len(live)
-                simulation.run_on_engine(
-                    lambda engine, x=x: engine.apply(SetPoses({BodyId("Mug"): Pose((x, 0.0, 0.85))}))
-                )
+                simulation.engine.run(lambda engine, x=x: engine.apply(SetPoses({BodyId("Mug"): Pose((x, 0.0, 0.85))})))
                 simulation.step(0.1)
                 live[recorder.time_s] = plain(simulation.ask("pose_of", "Mug"))
                 for time_s, then in live.items():

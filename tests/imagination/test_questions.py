@@ -47,7 +47,7 @@ def sim() -> Iterator[Simulation]:
         before, revision = sim.snapshot(), sim.state.revision
         yield sim
         assert diff(before, sim.snapshot()).identical(0.0)
-        assert (sim.state.revision, sim.state.time_s, sim.imaginations) == (revision, 0.0, ())
+        assert (sim.state.revision, sim.state.time_s, sim.forks) == (revision, 0.0, ())
 
 
 @pytest.fixture(scope="module")
@@ -319,7 +319,7 @@ def test_nothing_that_is_asked_changes_the_world(sim: Simulation) -> None:
     assert not sim.ask("stays", "Overhanging")
     assert sim.ask("what_if", "open Drawer then put Mug on Fridge", "where_is Mug", wait_s=0.2)
     assert diff(before, sim.snapshot()).identical(0.0)
-    assert (sim.state.revision, sim.state.time_s, sim.imaginations) == (revision, 0.0, ())
+    assert (sim.state.revision, sim.state.time_s, sim.forks) == (revision, 0.0, ())
 
 
 # -- sources -----------------------------------------------------------------------------------------------------------
@@ -358,7 +358,7 @@ class Unforkable(MujocoEngine):
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
     with Simulation(KnowledgeBase(), engine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
-        sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
+        sim.engine.run(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()
         answers = sim.ask("stays", "Mug")
         assert not answers  # it overhangs in the present state, not in the map

@@ -149,7 +149,7 @@ def test_a_moved_body_has_its_current_relations_and_the_map_its_own(sim: Simulat
     assert ("plate_3", "on", "table") in relations_of(sim, thing="plate_3")
     top = sim.knowledge.world().body("counter_right").pose.position
     x, y, z = top
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("plate_3"): Pose((x, y, z + 0.032))})))
+    sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("plate_3"): Pose((x, y, z + 0.032))})))
     assert ("plate_3", "on", "counter_right") in relations_of(sim, thing="plate_3")
     assert ("plate_3", "on", "table") not in relations_of(sim, thing="plate_3")
     assert ("plate_3", "on", "table") in relations_of(sim.knowledge, thing="plate_3")
@@ -159,7 +159,7 @@ def test_a_moved_body_has_its_current_relations_and_the_map_its_own(sim: Simulat
 def test_falling_milk_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, MujocoEngine()) as sim:
         sim.spawn()
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.9))})))
+        sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.9))})))
         assert ("milk_carton_1", "above", "table") in relations_of(sim, thing="milk_carton_1")
         sim.step(1.0)
         assert ("milk_carton_1", "on", "table") in relations_of(sim, thing="milk_carton_1")
@@ -167,7 +167,7 @@ def test_falling_milk_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None
 
 
 def test_a_deleted_body_has_no_pose_and_a_spawned_one_has(sim: Simulation) -> None:
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("milk_carton_1"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("milk_carton_1"),))), edits=True)
     answers = sim.ask(where_is, thing="milk_carton_1")
     assert not answers
     assert "milk_carton_1 has no pose" in answers.missing[0].reason

@@ -464,7 +464,7 @@ class TestSmallRoom:
 
     def test_what_slips_out_of_the_fingers_is_fixed_to_them_the_next_time(self, room: Robot) -> None:
         mug = BodyId("mug")
-        room.session.run_on_engine(lambda engine: engine.scale_dynamics({mug: DynamicsScale(friction=0.1, mass=4.0)}))
+        room.session.engine.run(lambda engine: engine.scale_dynamics({mug: DynamicsScale(friction=0.1, mass=4.0)}))
         try:
             result = perform(room, "grasp", thing="mug")
             assert result.outcome is SkillOutcome.FAILED
@@ -472,7 +472,7 @@ class TestSmallRoom:
             perform(room, "release")
             result = perform(room, "pick", thing="mug")
         finally:
-            room.session.run_on_engine(lambda engine: engine.scale_dynamics({mug: DynamicsScale()}))
+            room.session.engine.run(lambda engine: engine.scale_dynamics({mug: DynamicsScale()}))
         assert result, result.reason
         assert result.state.held == {"gripper": mug}
         assert result.assumptions == ("mug was fixed to the gripper: the fingers do not hold it by friction",)

@@ -132,11 +132,11 @@ def test_the_positions_of_joint_states_give_the_poses_of_tf(
         slide, hinge = (replace(joint, parent=joint.child, child=joint.parent) for joint in (slide, hinge))
     assert empty_simulation.spawn(replace(world, joints=(slide, hinge))).ok
     for id, force in (("Drawer", (-40.0, 0.0, 0.0)), ("FridgeDoor", (-60.0, 0.0, 0.0))):
-        empty_simulation.run_on_engine(lambda engine, name=id, force=force: engine.apply_force(BodyId(name), force))
+        empty_simulation.engine.run(lambda engine, name=id, force=force: engine.apply_force(BodyId(name), force))
     empty_simulation.step(0.3)
     robot = read(place_description(StateReader(empty_simulation)))
     state = empty_simulation.state
-    positions = empty_simulation.run_on_engine(lambda engine: dict(engine.joint_positions()))
+    positions = empty_simulation.engine.run(lambda engine: dict(engine.joint_positions()))
     message = joint_state_message(state, (slide, hinge), positions)
     assert min(abs(position) for position in message.position) > 0.05
     found = link_poses(robot, dict(zip(message.name, message.position, strict=True)))

@@ -137,7 +137,7 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         again = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
         assert not again["success"]
         assert "rob" in again["refusal"]["text"]
-        playing.run_on_engine(
+        playing.engine.run(
             lambda engine: engine.apply(Delete(tuple(find_robot(playing, "rob").body_ids))),
             edits=True,
         )

@@ -232,7 +232,7 @@ def test_an_obstacle_stops_it_and_the_result_is_false(sim: Simulation) -> None:
     assert not result
     assert result.duration_s == pytest.approx(4.0, abs=0.1)
     assert joint.openness < 0.6
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("block"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("block"),))), edits=True)
 
 
 def _in_front(sim: Simulation, id: str, gap: float) -> tuple[float, float, float]:
@@ -260,7 +260,7 @@ def test_an_engine_without_physics_sets_the_pose_exactly(
 
 def test_the_pose_of_a_kinematic_body_is_set(sim: Simulation) -> None:
     physics = replace(sim.snapshot().body("fridge_door").physics, mobility=Mobility.KINEMATIC)
-    sim.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("fridge_door"), physics)), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPhysics(BodyId("fridge_door"), physics)), edits=True)
     before = sim.state.time_s
     assert sim.joint("fridge_door_hinge").open(0.5)
     assert sim.state.time_s == before
@@ -277,7 +277,7 @@ def test_invalid_arguments_are_rejected(sim: Simulation) -> None:
         sim.joint("fridge_dor")
     with pytest.raises(NameNotFoundError):
         sim.joint("table")
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("fridge_door"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("fridge_door"),))), edits=True)
     with pytest.raises(BodyNotFoundError):
         joint.open()
 

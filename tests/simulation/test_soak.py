@@ -50,7 +50,7 @@ def test_a_planted_defect_is_found_and_its_edits_are_reduced(tmp_path: Path, mon
         body = self._body(rng)
         self.sim.edits.set_label(body.id, f"label {rng.random()}")
         other = next(each for each in self.sim.snapshot().bodies if each.id != body.id)
-        self.sim.run_on_engine(lambda engine: engine.apply(SetLabel(other.id, "not recorded")), edits=True)
+        self.sim.engine.run(lambda engine: engine.apply(SetLabel(other.id, "not recorded")), edits=True)
         return "planted"
 
     monkeypatch.setattr(RandomEdits, "edit_rename", forgets)

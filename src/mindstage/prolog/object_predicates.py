@@ -578,12 +578,12 @@ class ObjectPredicates:
             text=str(text) if marker_type is MarkerType.TEXT else "",
             body=str(text) if marker_type is MarkerType.BODY_COPY else "",
         )
-        self._simulation.add_markers((marker,))
+        self._simulation.markers.add((marker,))
         return True
 
     def remove_marker(self, id: Value) -> Value:
         """Removes a marker; returns whether it existed."""
-        return bool(self._simulation.remove_markers((str(id),)))
+        return bool(self._simulation.markers.remove((str(id),)))
 
 
 def _with_rest(state: WorldState, maps: Iterable[World]) -> WorldState:

@@ -194,7 +194,7 @@ def test_a_robot_stands_still_and_moves_a_joint_of_its_arm(name: str) -> None:
         x, y, yaw = robot.base_pose()
         assert max(abs(x), abs(y), abs(yaw)) < 1e-3
         # No contact with the floor or with itself pushes it.
-        contacts = simulation.run_on_engine(lambda engine: engine.contacts(), label="contacts", edits=False)
+        contacts = simulation.engine.run(lambda engine: engine.contacts(), label="contacts", edits=False)
         assert max((contact.depth_m for contact in contacts), default=0.0) < 2e-3
         joint, position = within_limits(model, after)
         motion = robot.run(robot.moving_to({joint: position}))
