@@ -213,21 +213,25 @@ def _time_of(value: FactValue) -> float:
 
 def _pose_from_facts(facts: list[PropertyAssertion], order: QuaternionOrder) -> Pose | None:
     """Reads a pose given by translation and quaternion, as in the latest maps of this dialect; None if incomplete."""
-    found: dict[Iri, Array] = {}
-    for codec in (codecs.TRANSLATION, codecs.QUATERNION):
-        values = (codec.decode(fact.value) for fact in facts if fact.property == codec.property)
-        value = next((value for value in values if value is not None), None)
-        if value is None:
-            return None
-        found[codec.property] = np.array(value)
-    x, y, z = found[codecs.TRANSLATION.property].tolist()
-    a, b, c, d = found[codecs.QUATERNION.property].tolist()
+    position, quaternion = codecs.TRANSLATION.first_value(facts), codecs.QUATERNION.first_value(facts)
+    if position is None or quaternion is None:
+        return None
+    (x, y, z), (a, b, c, d) = position, quaternion
     w, i, j, k = (d, a, b, c) if order is QuaternionOrder.XYZW else (a, b, c, d)
     return Pose((x, y, z), (w, i, j, k))
 
 
 def _value_text(value: FactValue) -> str:
     return repr(value.text) if isinstance(value, Literal) else "a resource"
+
+
+def _numbers(normalizer: DialectNormalizer, individual: Iri, property: Iri) -> list[float]:
+    texts = (codecs.literal_text(value) or "" for value in normalizer.values(individual, property))
+    return [number for number in map(codecs.parse_number, texts) if number is not None]
+
+
+def _lengths(normalizer: DialectNormalizer, individual: Iri) -> list[float | None]:
+    return [next(iter(_numbers(normalizer, individual, codec.property)), None) for codec in codecs.SIZE]
 
 
 def find_joints(normalizer: DialectNormalizer) -> Mapping[Iri, JointType | None]:
@@ -359,7 +363,7 @@ class _Knowrob1JointReader:
                     origin=origin,
                     axis=axis,
                     frame=None if pose is None else rotation_matrix(pose[3:]).T,
-                    radius=next(iter(self._numbers(joint, _TURN_RADIUS)), None),
+                    radius=next(iter(_numbers(self.normalizer, joint, _TURN_RADIUS)), None),
                     class_names=self._class_names(parent, child),
                 )
             )
@@ -385,7 +389,7 @@ class _Knowrob1JointReader:
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
         assumed = opening_range(child, inferred, joint_type)
-        given = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
+        given = [next(iter(_numbers(self.normalizer, joint, property)), None) for property in JOINT_VALUES]
         if joint_type is JointType.PRISMATIC:
             given = [None if value is None else self.number_reader.length(value) for value in given]
         if assumed is None:
@@ -409,7 +413,7 @@ class _Knowrob1JointReader:
         """Returns the range that a joint gives, or None."""
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
-        lower, upper = (next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES)
+        lower, upper = (next(iter(_numbers(self.normalizer, joint, property)), None) for property in JOINT_VALUES)
         if lower is None or upper is None:
             return None
         if lower > upper:
@@ -445,12 +449,6 @@ class _Knowrob1JointReader:
                 joint, _DIRECTION, "it is not three finite numbers that are not all 0", "it is ignored"
             )
         return None
-
-    def _numbers(self, joint: Iri, property: Iri) -> list[float]:
-        numbers = (
-            codecs.parse_number(codecs.literal_text(value) or "") for value in self.normalizer.values(joint, property)
-        )
-        return [number for number in numbers if number is not None]
 
     def _box(self, body: Iri) -> ObservedBox:
         return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
@@ -540,7 +538,7 @@ def _has_pose(source_map: SourceMap, individual: Iri) -> bool:
 
 def _decide_conventions(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
     """Decides units and quaternion order by the numbers of individuals: m and w x y z unless ruled out."""
-    lengths = {each: [_read_length(normalizer, each, axis) for axis in range(3)] for each in individuals}
+    lengths = {each: _lengths(normalizer, each) for each in individuals}
     sizes = {each: [x for x in row if x is not None] for each, row in lengths.items() if None not in row}
     number_reader.consider_units(guess_units(normalizer.source_map, sizes))
     if quaternions := PerceivedPoses(normalizer.source_map.graph).quaternions(individuals):
@@ -572,7 +570,7 @@ def _set_sizes(normalizer: DialectNormalizer, number_reader: NumberReader) -> No
     """Adds the sizes of individuals; the sign of a length, which may encode the direction of an axis, is dropped."""
     negative = []
     for individual in normalizer.poses:
-        lengths = [_read_length(normalizer, individual, number) for number in range(3)]
+        lengths = _lengths(normalizer, individual)
         if any(length is not None and length < 0.0 for length in lengths):
             negative.append(individual)
         normalizer.set_size(individual, [None if each is None else abs(number_reader.length(each)) for each in lengths])
@@ -581,14 +579,6 @@ def _set_sizes(normalizer: DialectNormalizer, number_reader: NumberReader) -> No
             f"{len(negative)} of {len(normalizer.poses)} bodies have a negative length: {abbreviated_names(negative)}"
         )
         normalizer.source_map.record_assumption("negative lengths", "their absolute values", evidence)
-
-
-def _read_length(normalizer: DialectNormalizer, individual: Iri, axis: int) -> float | None:
-    for value in normalizer.values(individual, codecs.SIZE[axis].property):
-        length = codecs.parse_number(codecs.literal_text(value) or "")
-        if length is not None:
-            return length
-    return None
 
 
 def _part_pairs(normalizer: DialectNormalizer) -> Iterator[tuple[Iri, Iri]]:
