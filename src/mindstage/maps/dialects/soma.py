@@ -23,7 +23,7 @@ from mindstage.maps.dialects.joints import (
     opening_range,
 )
 from mindstage.maps.dialects.membership import types_of
-from mindstage.maps.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
+from mindstage.maps.dialects.normalize import DialectNormalizer
 from mindstage.maps.dialects.poses import NumberReader
 from mindstage.maps.dialects.soma_nodes import RdfNode, RdfNodes
 from mindstage.maps.dialects.source_map import Dialect, SourceMap
@@ -31,7 +31,6 @@ from mindstage.maps.dialects.units import decide_quaternion_order, guess_units
 from mindstage.maps.rdf_mapping import properties as codecs
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import (
-    CHILD,
     HAS_COLOR,
     HAS_JOINT,
     HAS_LINEAR,
@@ -41,7 +40,6 @@ from mindstage.rdf.vocabulary import (
     HAS_VALUE,
     MATERIAL,
     ON_PROPERTY,
-    PARENT,
     SUBCLASS_OF,
     TO_PARTS,
     TO_WHOLES,
@@ -98,7 +96,7 @@ def add_joints(normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: Nu
                 normalizer.warn(owner, HAS_JOINT, "its joint is not described anywhere", "it is kept as a fact")
             elif not node.has(HAS_LINEAR):
                 reader.add_joint(owner, node)
-    reader.report_inferred()
+    normalizer.record_inferred(reader.inferred, reader.evidence, of="those of ")
 
 
 class _SomaJointReader:
@@ -144,16 +142,6 @@ class _SomaJointReader:
         joint = self._joint_limits(node, joint_type or JointType.FIXED, range, parent, child)
         self.normalizer.add_joint(owner, parent, child, joint, name=node.name)
 
-    def report_inferred(self) -> None:
-        """Reports as assumptions what the joints do not give."""
-        for attribute, children in self.inferred.items():
-            evidence = f"{len(children)} joints do not give it, such as those of {abbreviated_names(children)}"
-            if self.evidence:
-                evidence += f"; {abbreviated_texts(self.evidence)}"
-            self.normalizer.source_map.record_assumption(
-                f"joints: {attribute}", "inferred from poses and sizes", evidence
-            )
-
     def _referenced_iri(self, node: RdfNode, properties: Sequence[Iri]) -> Iri | None:
         return next((value.iri for value in node.values(*properties) if isinstance(value, IriRef)), None)
 
@@ -177,10 +165,7 @@ class _SomaJointReader:
             if lower is None or upper is None:
                 self.normalizer.warn(owner, _LIMITS[0], "its limits are not two finite numbers", "they are ignored")
                 continue
-            if lower > upper:
-                problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
-                self.normalizer.warn(owner, _LOWER[0], problem, "the two are swapped")
-                lower, upper = upper, lower
+            lower, upper = self.normalizer.ordered_limits(owner, _LOWER[0], lower, upper)
             if JointType.PRISMATIC in (_JOINT_TYPES.get(name) for name in self._class_names(node)):
                 lower, upper = self.number_reader.lengths((lower, upper))
             return lower, upper
@@ -198,7 +183,7 @@ class _SomaJointReader:
     def _joint_limits(
         self, node: RdfNode, joint_type: JointType, range: JointRange, parent: Iri, child: Iri
     ) -> JointLimits:
-        base, moving, handle = self._box(parent), self._box(child), self._find_handle(child)
+        base, moving, handle = self.normalizer.box(parent), self.normalizer.box(child), self._find_handle(child)
         origin, axis = self._origin(node, base), self._axis(node, base)
         if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC):
             for attribute, given in (("position", origin), ("axis", axis)):
@@ -212,7 +197,7 @@ class _SomaJointReader:
                     range=range,
                     origin=origin,
                     axis=axis,
-                    class_names=self._class_names_of(parent, child),
+                    class_names=self.normalizer.class_names(parent, child),
                 )
                 inferred, conflicts = infer_hinge_axis(evidence)
                 for conflict in conflicts:
@@ -243,15 +228,10 @@ class _SomaJointReader:
         self.normalizer.warn(owner, _LIMITS[0], "its joint has no limits", action)
         return assumed
 
-    def _class_names_of(self, *bodies: Iri) -> list[str]:
-        """Returns the local names of the classes of some bodies and of the superclasses of these."""
-        types = [cls for body in bodies for cls in types_of(self.normalizer.graph.get(body, ()))]
-        above = [upper for cls in types for upper in self.normalizer.source_map.hierarchy.ancestors(cls)]
-        return [local_name(cls) for cls in (*types, *above)]
-
     def _axis(self, node: RdfNode, base: ObservedBox) -> Array | None:
         """Returns the joint axis in the world frame; as in URDF, the map gives it in the frame of the parent link."""
-        axis = next((row for each in self._with_axis_nodes(node) if len(row := each.numbers(*_AXIS)) == 3), ())
+        holders = (node, *self.nodes.descendants(node, *_AXIS, depth=1))
+        axis = next((row for holder in holders if len(row := holder.numbers(*_AXIS)) == 3), ())
         if not any(axis):
             return None
         return quat_rotate(normalized_pose_array(base.pose)[3:], self.number_reader.direction(axis))
@@ -263,17 +243,11 @@ class _SomaJointReader:
         offset = self.number_reader.direction(self.number_reader.lengths(row))
         return base.center + quat_rotate(normalized_pose_array(base.pose)[3:], offset)
 
-    def _with_axis_nodes(self, node: RdfNode) -> list[RdfNode]:
-        return [node, *self.nodes.descendants(node, *_AXIS, depth=1)]
-
-    def _box(self, body: Iri) -> ObservedBox:
-        return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
-
     def _find_handle(self, child: Iri) -> ObservedBox | None:
         """Returns the part of a child that it is most likely pulled by."""
         parts = [part for part in self.normalizer.references(child, *TO_PARTS) if part in self.normalizer.poses]
         parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
-        return self._box(parts[0]) if parts else None
+        return self.normalizer.box(parts[0]) if parts else None
 
 
 def is_soma(source_map: SourceMap) -> bool:
@@ -483,8 +457,6 @@ class _SomaReader:
     def attach_parts(self) -> None:
         """Attaches parts to their wholes, unless a joint lets them move."""
         normalizer = self.normalizer
-        attached = {child for member in normalizer.members for child in normalizer.references(member, CHILD)}
-        attached |= {member for member in normalizer.members if normalizer.references(member, PARENT)}
         pairs: dict[tuple[Iri, Iri], Iri] = {}
         for member in normalizer.members:
             for fact in normalizer.graph.get(member, ()):
@@ -497,9 +469,7 @@ class _SomaReader:
                 else:
                     problem = f"{other.iri} is not a body of this map"
                     normalizer.warn(member, property, problem, "the relation is kept as a fact")
-        for whole, part in pairs:
-            if normalizer.can_attach(whole, part) and part not in attached:
-                normalizer.attach(whole, part)
+        normalizer.attach_loose(pairs)
 
 
 SOMA = Dialect("SOMA", is_soma, read_soma, order=20)

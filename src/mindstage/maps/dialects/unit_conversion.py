@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import Any
 
 from mindstage.maps.dialects.conventions import SI, Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.maps.dialects.membership import references
 from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.rdf_mapping.nested import sorted_facts
 from mindstage.maps.rdf_mapping.properties import (
@@ -208,8 +209,7 @@ def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventio
 
 def _measured_length(facts: Sequence[PropertyAssertion]) -> Iri | None:
     """Returns the length property that a restriction is about, if it is about one."""
-    on = (fact.value.iri for fact in facts if fact.property == ON_PROPERTY and isinstance(fact.value, IriRef))
-    return next((property for property in on if property in _LENGTH_CODECS), None)
+    return next((property for property in references(facts, ON_PROPERTY) if property in _LENGTH_CODECS), None)
 
 
 def _codec_for(fact: PropertyAssertion, measured_length: Iri | None) -> PropertyCodec[Any] | None:
