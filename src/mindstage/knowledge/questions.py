@@ -669,7 +669,8 @@ class Question(Generic[R]):
             for name in args:
                 if (argument := self._arguments_by_name.get(name)) is None or argument.range is not None:
                     self._parse_argument(kb, now, name, args[name])
-            return Answers(self, {}, (), (_no_episode(),), kb=kb, notes=notes)
+            reason = "there is no episode; add one with add_episode, or --episode FILE"
+            return Answers(self, {}, (), (MissingKnowledge(Iri(EVENT), Iri(TYPE), reason),), kb=kb, notes=notes)
         if self.uses_current_state:
             now.fetch()  # before taking the lock, since the engine may take a while
         with nullcontext() if self.imagines else kb.lock:  # others ask while something is imagined
@@ -905,10 +906,6 @@ def get_question(name: str) -> Question[Any]:
         return _questions_of_program()[known]
     except KeyError:
         raise QuestionNotFoundError(name, known=question_names()) from None
-
-
-def _no_episode() -> MissingKnowledge:
-    return MissingKnowledge(Iri(EVENT), Iri(TYPE), "there is no episode; add one with add_episode, or --episode FILE")
 
 
 def _value_type(hint: Any) -> EntityType | type:

@@ -390,16 +390,12 @@ def similar_to(
             thing=thing,
             other=body.iri,
             rank=rank,
-            common=_common_class(kb, own.cls, above[body.cls]),
+            common=next((cls for cls in kb.reasoner.classes.above(own.cls) if cls in above[body.cls]), THING),
             same_class=body.cls == own.cls,
             same_mesh=same_mesh,
             size_difference=difference,
             map=home,
         )
-
-
-def _common_class(kb: QuestionContext, cls: Iri, others: frozenset[Iri]) -> Iri:
-    return next((above for above in kb.reasoner.classes.above(cls) if above in others), THING)
 
 
 def _size_difference(one: Body, other: Body) -> float | None:

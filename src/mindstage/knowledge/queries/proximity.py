@@ -69,6 +69,8 @@ _MAX_HEIGHT_GAP_M = 0.3
 """Largest vertical gap of two bodies that are beside each other (KnowRob's comp_spatial uses it for centers)."""
 _MAX_OVERLAP_FRACTION = 0.1
 _MIN_BETWEEN_FRACTION = 0.5
+_SEEN_FROM_VIEWER = {Direction.FRONT: Direction.BEHIND, Direction.BEHIND: Direction.FRONT}
+"""What lies farther along the view is behind; left and right are those of the view."""
 _MIN_HEADING = 1e-6
 """Least horizontal part of a unit vector that has a heading; a fraction."""
 
@@ -335,7 +337,7 @@ def _directions_in(
     for each, headings, known in _frames(bodies, others, view):
         if frame in {None, each}:
             for direction, (holds, angle) in directions(offsets, headings).items():
-                named = _seen_from_viewer(direction) if each is ReferenceFrame.VIEWER else direction
+                named = _SEEN_FROM_VIEWER.get(direction, direction) if each is ReferenceFrame.VIEWER else direction
                 for at in order[(holds & known)[order]].tolist():
                     yield DirectionRow(
                         thing=bodies.iri(things[at]),
@@ -366,11 +368,6 @@ def _frames(
             is_apart = np.linalg.norm(sight, axis=1) > _MIN_HEADING
             yield ReferenceFrame.VIEWER, np.arctan2(sight[:, 1], sight[:, 0]), is_apart
     yield ReferenceFrame.MAP, np.zeros(len(others)), everywhere
-
-
-def _seen_from_viewer(direction: Direction) -> Direction:
-    """What lies farther along the view is behind; left and right are those of the view."""
-    return {Direction.FRONT: Direction.BEHIND, Direction.BEHIND: Direction.FRONT}.get(direction, direction)
 
 
 def _is_beside(placed: BodyBoxes, fixed: int, free: Indices) -> NDArray[np.bool_]:

@@ -556,8 +556,10 @@ class _SizeSolver:
         weight = 0.0
         for choice in self.choices:
             absolute, stated = self.absolute[choice.group.rows], choice.group.stated
-            if (absolute == np.rint(absolute)).all(axis=(1, 2)).any() or _is_square(stated):
+            if (absolute == np.rint(absolute)).all(axis=(1, 2)).any():
                 continue
+            if abs(stated[0] - stated[1]) <= 0.01 * stated[:2].max():
+                continue  # two equal horizontal extents, as those of cups, are so in both frames
             (possible if len(choice.boxes) else impossible).append(local_name(choice.group.cls))
             chance = float(np.clip(_chance_of_solution(absolute[0]), 0.02, 0.95))
             if len(boxes_with_bounds(absolute[0], stated)):
@@ -639,11 +641,6 @@ def _unevenness(extents: Array, proportions: Array) -> float:
         return 0.0
     scale = extents / proportions
     return float(np.ptp(scale) / max(scale.max(), 1e-12))
-
-
-def _is_square(extents: Array) -> bool:
-    """Whether two horizontal extents are equal, as those of cups; they are so in both frames."""
-    return bool(abs(extents[0] - extents[1]) <= 0.01 * extents[:2].max())
 
 
 def _described(choice: _Choice) -> str:
