@@ -25,7 +25,7 @@ from mindstage.maps.dialects.joints import (
 from mindstage.maps.dialects.membership import types_of
 from mindstage.maps.dialects.normalize import DialectNormalizer
 from mindstage.maps.dialects.poses import NumberReader
-from mindstage.maps.dialects.soma_nodes import RdfNode, RdfNodes
+from mindstage.maps.dialects.soma_nodes import LENGTH, RADIUS, RdfNode, RdfNodes, extents_of
 from mindstage.maps.dialects.source_map import Dialect, SourceMap
 from mindstage.maps.dialects.units import decide_quaternion_order, guess_units
 from mindstage.maps.rdf_mapping import properties as codecs
@@ -80,9 +80,7 @@ _REFERENCE_FRAME = (
     *(knowrob("isDescribedRelativeTo"), knowrob("relativeTo"), knowrob("hasReferenceFrame")),
 )
 _COLOR = (soma("hasRGBValue"), soma("hasRGBAValue"), knowrob("hasRGBValue"))
-_RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePath"), knowrob("pathToCadModel"))
-_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
-_SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
+_PATH = (soma("hasFilePath"), knowrob("pathToCadModel"))
 _PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
 
 
@@ -282,6 +280,15 @@ def _lacks_pose(source_map: SourceMap, individual: Iri) -> bool:
     return HAS_LOCALIZATION in given and HAS_POSE not in given
 
 
+def _pose_of(node: RdfNode) -> Pose | None:
+    """Returns the pose in the statements about a node, with its four numbers as given; None without a valid one."""
+    position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
+    if len(position) != 3 or len(rotation) != 4 or not any(rotation):
+        return None
+    (x, y, z), (a, b, c, d) = position, rotation
+    return Pose((x, y, z), (a, b, c, d))
+
+
 class _SomaReader:
     """Adds the poses, sizes, colors and attachments of a map to its normalizer."""
 
@@ -297,7 +304,7 @@ class _SomaReader:
         extents = {
             individual: found
             for individual in individuals
-            if (found := next(filter(any, map(self._extents, self._nodes_of(individual, HAS_SHAPE))), ()))
+            if (found := next(filter(any, map(extents_of, self._nodes_of(individual, HAS_SHAPE))), ()))
         }
         self.number_reader.consider_units(guess_units(self.normalizer.source_map, extents))
         given: list[tuple[float, ...]] = []
@@ -331,10 +338,9 @@ class _SomaReader:
         for node in path:
             if not (node.has(*_POSITION) and node.has(*_ROTATION)):
                 continue
-            position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
-            if len(position) == 3 and len(rotation) == 4 and any(rotation):
-                x, y, z = position
-                return self.number_reader.pose(Pose((x, y, z), self.number_reader.quaternion(rotation))), path
+            if (given := _pose_of(node)) is not None:
+                turned = Pose(given.position, self.number_reader.quaternion(given.quaternion))
+                return self.number_reader.pose(turned), path
             problem = "its pose is not three finite numbers, and four that are not all 0"
             self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it has no pose")
             return None
@@ -385,11 +391,8 @@ class _SomaReader:
         for member in self.normalizer.members:
             if member not in self.normalizer.poses:
                 for node in self.nodes.descendants(self.nodes.node_named(member), HAS_POSE, depth=1):
-                    position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
-                    if len(position) == 3 and len(rotation) == 4 and any(rotation):
-                        x, y, z = position
-                        w, i, j, k = rotation
-                        self.normalizer.poses[member] = Pose((x, y, z), (w, i, j, k))
+                    if (given := _pose_of(node)) is not None:
+                        self.normalizer.poses[member] = given
 
     # -- appearance ----------------------------------------------------------------------------------------------------
 
@@ -398,15 +401,15 @@ class _SomaReader:
         shapes = list(self._nodes_of(individual, HAS_SHAPE))
         if not shapes:
             return
-        candidates = ((node, self._extents(node)) for node in shapes)
+        candidates = ((node, extents_of(node)) for node in shapes)
         shape, extents = next((each for each in candidates if each[1]), (None, ()))
         if shape is not None:
             self.normalizer.set_size(individual, self.number_reader.lengths(extents))
             shape_type = PrimitiveType.BOX
-            if shape.has(_RADIUS):
+            if shape.has(RADIUS):
                 shape_type = (
                     PrimitiveType.SPHERE
-                    if extents[0] == extents[2] and not shape.has(_LENGTH)
+                    if extents[0] == extents[2] and not shape.has(LENGTH)
                     else PrimitiveType.CYLINDER
                 )
             if shape_type is not PrimitiveType.BOX and self.normalizer.first_value(individual, codecs.SHAPE) is None:
@@ -419,19 +422,6 @@ class _SomaReader:
         if shape is None and path is None:
             problem = "its shape has no extents of 0 or more, no radius and no mesh"
             self.normalizer.warn(individual, HAS_SHAPE, problem, "it has no size")
-
-    def _extents(self, node: RdfNode) -> tuple[float, ...]:
-        """Returns the extents along x, y and z; empty if one is missing or negative."""
-        if not node.has(*_SIZE_PROPERTIES):
-            return ()
-        radius = node.number(_RADIUS)
-        if radius is not None:
-            length = node.number(_LENGTH, *_EXTENTS[2])
-            extents = [2 * radius, 2 * radius, 2 * radius if length is None else length]
-        else:
-            values = [node.number(*properties) for properties in _EXTENTS]
-            extents = [extent for extent in values if extent is not None]
-        return tuple(extents) if len(extents) == 3 and min(extents) >= 0.0 else ()
 
     def set_color(self, individual: Iri) -> None:
         """Adds the color of an individual as a material."""
