@@ -86,6 +86,29 @@ def test_fetching_takes_a_kind_or_a_described_object(kitchen: Simulation) -> Non
     assert read(kitchen, "fetching", **of_action).skill == "pick"
 
 
+@pytest.mark.parametrize(
+    ("type", "key", "holder", "is_found"),
+    [
+        ("OrangeJuiceCarton", "in", "fridge", True),
+        ("OrangeJuiceCarton", "on", "fridge", False),
+        ("OrangeJuiceCarton", "at", "fridge", True),
+        ("JamJar", "on", "table", True),
+        ("JamJar", "inside", "table", False),
+        ("JamJar", "at", "table", True),
+    ],
+)
+def test_what_is_inside_is_not_on_and_what_is_on_is_not_inside(
+    kitchen: Simulation, type: str, key: str, holder: str, is_found: bool
+) -> None:
+    where = {"a": "location", key: {"the": "object", "name": holder}}
+    wanted = {"the": "object", "type": type, "location": where}
+    if is_found:
+        assert read(kitchen, "grasping", object=wanted).skill == "grasp"
+    else:
+        with pytest.raises(NameNotFoundError, match=type):
+            read(kitchen, "grasping", object=wanted)
+
+
 def test_an_indefinite_object_is_the_first_that_fits_and_the_others_are_reported(kitchen: Simulation) -> None:
     found = read(kitchen, "picking-up", object={"an": "object", "type": "DinnerPlate"})
     (choice,) = found.choices

@@ -202,6 +202,16 @@ class TestSkills:
         assert robot.base_pose() == pytest.approx((0.3, 0.6, 0.5), abs=0.02)
         assert result.state.base == pytest.approx(robot.base_pose())
 
+    def test_the_base_drives_to_the_side_of_a_thing_and_faces_it(self, robot: Robot) -> None:
+        low, high = Surroundings(robot.session).box(BodyId("table"))
+        result = perform(robot, "go_to", thing="table")
+        assert result, result.reason
+        x, y, yaw = robot.base_pose()
+        away = np.maximum(np.maximum(low[:2] - (x, y), (x, y) - high[:2]), 0.0)
+        assert 0.4 < np.hypot(*away) < 1.4, "beside it"
+        middle = (low + high)[:2] / 2
+        assert np.cos(yaw - np.arctan2(middle[1] - y, middle[0] - x)) > 0.999
+
     def test_the_camera_points_at_what_is_looked_at(self, kitchen: Simulation, robot: Robot) -> None:
         result = perform(robot, "look_at", thing="fridge")
         assert result, result.reason
