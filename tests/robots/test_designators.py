@@ -47,6 +47,7 @@ JUICE = {"the": "object", "type": "OrangeJuiceCarton"}
         ("looking", {"object": JUICE}, "look_at", {"thing": "orange_juice_carton_1"}),
         ("reaching", {"object": JUICE}, "reach", {"thing": "orange_juice_carton_1"}),
         ("pouring", {"object": JUICE, "target": "sink"}, "pour", {"thing": "orange_juice_carton_1", "into": "sink"}),
+        ("pouring", {"source": JUICE, "into": "sink"}, "pour", {"thing": "orange_juice_carton_1", "into": "sink"}),
         (
             "placing",
             {"object": JUICE, "target": {"a": "location", "on": {"the": "object", "name": "table"}}},
@@ -199,6 +200,10 @@ def test_every_type_has_a_skill_of_the_catalog(kitchen: Simulation) -> None:
             "it names no object",
         ),
         ({"an": "action", "type": "going", "target": {"a": "location", "pose": [1, "x"]}}, "is no pose"),
+        (
+            {"an": "action", "type": "grasping", "object": {"an": "object", "type": "Milk", "location": 5}},
+            "the location: 5 is no designator",
+        ),
         (["an", "action", "type"], "'type' is no key with a value"),
         (
             {"an": "action", "type": "opening", "object": "fridge", "fraction": 2},

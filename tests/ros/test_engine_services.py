@@ -19,6 +19,7 @@ from mindstage.bridge.conversions import (
     world_to_json,
 )
 from mindstage.engines import NullEngine, PoseArray
+from mindstage.engines.base import Actuator
 from mindstage.episodes.episode import Episode
 from mindstage.errors import BodyNotFoundError, PoseUnreachableError, ServiceCallError, SimulationDivergedError
 from mindstage.knowledge import KnowledgeBase
@@ -87,6 +88,20 @@ def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
     assert engine("detach", child="Mug")["success"]
     assert engine("delete", ids=["Mug", "Drawer"])["success"]
     assert not {"Mug", "Drawer"} & set(simulation.state.ids)
+
+
+def test_bodies_without_weight_hover_until_they_have_it_again(engine: Call, simulation: Simulation) -> None:
+    def height() -> float:
+        return simulation.snapshot().body("Mug").pose.position[2]
+
+    assert engine("set_pose", id="Mug", pose=pose_message(4, 4, 4))["success"]
+    none = to_json((), tuple[Actuator, ...])
+    assert engine("set_actuators", actuators=none, without_weight=["Mug"])["success"]
+    simulation.step(0.3)
+    assert height() == pytest.approx(4.0, abs=0.01)
+    assert engine("set_actuators", actuators=none, without_weight=[])["success"]
+    simulation.step(0.3)
+    assert height() < 3.7
 
 
 def test_responses_to_edits_have_the_expected_time_of_a_rebuild(engine: Call, simulation: Simulation) -> None:

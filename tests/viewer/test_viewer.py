@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 import sys
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,13 +17,14 @@ import pytest
 import viser
 from msgspec.structs import replace
 
+import mindstage.viewer
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, NumberRefusedError, ViewerUnavailableError
 from mindstage.scene import BodyId, BodyPhysics, Pose
 from mindstage.scene.edits import Delete, SetPhysics, SetPoses, Spawn
 from mindstage.viewer import Viewer
 from tests.kitchenette import kitchenette
-from tests.viewer.page_client import connect_page_client
+from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
 MUG = BodyId("Mug")
@@ -255,3 +258,21 @@ def test_the_page_stays_open_after_the_simulation_is_closed(simulation: Simulati
     wait_until(lambda: viewer.views._defaults, "requests are still accepted")
     assert viewer._thread.is_alive()
     assert shown(viewer, "Mug")
+
+
+def test_the_scripts_of_the_page_call_every_method_and_no_others(viewer: Viewer) -> None:
+    methods = {each.name for each in viewer.channel.entry_points()}
+    folder = Path(mindstage.viewer.__file__).parent / "page"
+    scripts = "\n".join(path.read_text(encoding="utf-8") for path in folder.glob("*.js"))
+    words = set(re.findall(r"""["'`]([a-z_.]+)["'`]""", scripts))
+    assert methods <= words | {f"robots.{each}" for each in words}
+    assert set(re.findall(r'channel\.call\("([a-z_.]+)"', scripts)) <= methods
+
+
+def test_every_method_of_the_page_is_admitted_and_answered(viewer: Viewer) -> None:
+    methods = [each.name for each in viewer.channel.entry_points()]
+    assert {"select", "undo", "standard_view", "ask", "imagine"} <= set(methods)
+    with connect_page_client(viewer.url) as page:
+        for name in methods:
+            with pytest.raises(RequestFailedError, match=r"^InvalidRequestError: .*no_such_field"):
+                page.ask(name, no_such_field=1)
