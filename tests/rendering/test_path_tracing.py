@@ -398,3 +398,23 @@ def test_a_wide_picture_of_a_simulation_shows_a_square_as_a_square() -> None:
     height, width = (int(is_red.any(axis=axis).sum()) for axis in (1, 0))
     assert height == pytest.approx(45 / (10.0 * math.tan(math.radians(20.0))), abs=2)
     assert width == pytest.approx(height, abs=1)
+
+
+def test_a_glowing_shade_has_the_luminance_of_the_light_that_is_in_it() -> None:
+    mesh = box((0.4, 0.4, 0.4))
+    white = VisualMesh(mesh.points, mesh.faces, PbrMaterial(color=(1.0, 1.0, 1.0), emission=0.5), mesh.normals)
+    shades = [
+        RenderItem(id=BodyId(id), visuals=(white,), pose=Pose((0.0, y, 1.0)), size=(0.4, 0.4, 0.4), key=id)
+        for id, y in (("lit", 0.0), ("alone", 30.0))
+    ]
+    lights = (RenderLight(type=LightType.POINT, pose=Pose((0.0, 0.0, 1.0)), color=(1.0, 1.0, 1.0), intensity=90e3),)
+
+    def radiance(y: float) -> float:
+        camera = CameraPose((3.0, y, 1.0), (0.0, y, 1.0), math.radians(3.0))
+        found = path_trace(scene_of(*shades, camera=camera, lights=lights), settings(samples=4))
+        return float(luminance(found.radiance.astype(float)).mean())
+
+    # Its flux of 4 pi I leaves through the six sides, each of which emits pi times its luminance.
+    by_day = radiance(30.0)
+    assert 0.5 * 4000.0 < by_day < 30e3
+    assert radiance(0.0) - by_day == pytest.approx(4.0 * 90e3 / (6 * 0.4**2), rel=0.1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -671,3 +671,18 @@ def test_fingers_on_the_ground_or_on_the_robot_itself_hold_nothing(robot: Robot,
     assert held_bodies(engine, drives) == {}
     engine.of = BodyId("cup")
     assert held_bodies(engine, drives) == {name: BodyId("cup")}
+
+
+def test_a_motion_that_does_not_end_is_closed_after_its_time(sim: Simulation, robot: Robot) -> None:
+    start_s, closed_s = sim.state.time_s, list[float]()
+
+    def endless() -> Generator[float, None, None]:
+        try:
+            while sim.state.time_s < start_s + 2.0:
+                yield 0.05
+        finally:
+            closed_s.append(sim.state.time_s)
+
+    with pytest.raises(TimeoutError, match=r"did not end within 0\.5 s"):
+        robot.run(endless(), timeout_s=0.5)
+    assert closed_s == [pytest.approx(start_s + 0.5, abs=0.051)]
