@@ -7,6 +7,7 @@ import os
 import re
 import socket
 import sys
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,7 +23,9 @@ from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, NumberRefusedError, ViewerUnavailableError
 from mindstage.scene import BodyId, BodyPhysics, Pose
 from mindstage.scene.edits import Delete, SetPhysics, SetPoses, Spawn
+from mindstage.textures import TextureMap
 from mindstage.viewer import Viewer
+from mindstage.viewer.http import texture_path
 from tests.kitchenette import kitchenette
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
@@ -55,6 +58,16 @@ def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
     assert viewer.url.startswith("http://127.0.0.1:")
     with urllib.request.urlopen(viewer.url, timeout=30) as page:
         assert b"<html" in page.read()
+
+
+def test_images_of_textures_are_served_and_unknown_ones_are_not_found(viewer: Viewer) -> None:
+    path = texture_path("oak_board", TextureMap.COLOR)
+    assert path is not None
+    with urllib.request.urlopen(viewer.url.rstrip("/") + path, timeout=60) as image:
+        assert (image.status, image.headers["Content-Type"]) == (200, "image/jpeg")
+        assert image.read(2) == b"\xff\xd8"
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(viewer.url.rstrip("/") + path.replace("oak", "gold"), timeout=60)
 
 
 def test_a_port_that_was_given_and_is_taken_is_an_error_that_names_its_user(
