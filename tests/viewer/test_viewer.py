@@ -275,8 +275,8 @@ def test_the_page_stays_open_after_the_simulation_is_closed(simulation: Simulati
 
 def test_the_scripts_of_the_page_call_every_method_and_no_others(viewer: Viewer) -> None:
     methods = {each.name for each in viewer.channel.entry_points()}
-    folder = Path(mindstage.viewer.__file__).parent / "page"
-    scripts = "\n".join(path.read_text(encoding="utf-8") for path in folder.glob("*.js"))
+    folder = Path(mindstage.viewer.__file__).parent
+    scripts = "\n".join(path.read_text(encoding="utf-8") for path in folder.rglob("*.js"))
     words = set(re.findall(r"""["'`]([a-z_.]+)["'`]""", scripts))
     assert methods <= words | {f"robots.{each}" for each in words}
     assert set(re.findall(r'channel\.call\("([a-z_.]+)"', scripts)) <= methods
@@ -284,7 +284,7 @@ def test_the_scripts_of_the_page_call_every_method_and_no_others(viewer: Viewer)
 
 def test_every_method_of_the_page_is_admitted_and_answered(viewer: Viewer) -> None:
     methods = [each.name for each in viewer.channel.entry_points()]
-    assert {"select", "undo", "standard_view", "ask", "imagine"} <= set(methods)
+    assert {"select", "undo", "standard_view", "ask"} <= set(methods)
     with connect_page_client(viewer.url) as page:
         for name in methods:
             with pytest.raises(RequestFailedError, match=r"^InvalidRequestError: .*no_such_field"):
