@@ -207,6 +207,24 @@ def test_it_can_be_canceled(sim: Simulation, pool: WorkerPoolExecutor, workers: 
     assert verdict.stopped == "canceled"
 
 
+def test_workers_that_die_while_a_plan_is_canceled_leave_samples_unknown(
+    sim: Simulation, pool: WorkerPoolExecutor
+) -> None:
+    killed = set[int]()
+
+    def cancel() -> bool:
+        for process in set(pool.process_ids) - killed:
+            killed.add(process)
+            os.kill(process, signal.SIGKILL)
+        return bool(killed)
+
+    verdict = evaluate_plan(sim, ENDLESS, samples=100, workers=pool, cancel=cancel)
+    assert (verdict.outcome, verdict.stopped) == (Outcome.UNKNOWN, "canceled")
+    assert verdict.samples == verdict.unknown
+    assert len(killed) == 2
+    assert evaluate_plan(sim, NEAR_EDGE, samples=4, width=None, workers=pool).samples == 4, "they are replaced"
+
+
 def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulation, pool: WorkerPoolExecutor) -> None:
     first_batch = threading.Event()
 

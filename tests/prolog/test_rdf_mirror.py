@@ -100,6 +100,26 @@ def test_class_expressions_are_terms(small: tuple[KnowledgeBase, PrologConsole],
         assert console.holds(f"{node}, owl_description(Node, {term})"), name
 
 
+def test_a_restriction_within_a_restriction_has_its_own_filler(
+    small: tuple[KnowledgeBase, PrologConsole], tmp_path: Path
+) -> None:
+    knowledge, console = small
+    path = tmp_path / "nested.ttl"
+    path.write_text(
+        """
+        @prefix : <http://n/> . @prefix owl: <http://www.w3.org/2002/07/owl#> .
+        @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+        :A a owl:Class . :p a owl:ObjectProperty . :q a owl:ObjectProperty .
+        :Outer a owl:Class ; rdfs:subClassOf [ a owl:Restriction ; owl:onProperty :p ; owl:someValuesFrom
+            [ a owl:Restriction ; owl:onProperty :q ; owl:someValuesFrom :A ] ] .
+        """,
+        encoding="utf-8",
+    )
+    knowledge.load(path)
+    goal = "mindstage:owl_class_properties('http://n/Outer', 'http://n/p', restriction(Property, _, Filler))"
+    assert [(row["Property"], row["Filler"]) for row in console.solutions(goal)] == [("http://n/q", "http://n/A")]
+
+
 def as_prolog(term: RdfTerm) -> str:
     text = term.value.replace("\\", "\\\\").replace("'", "\\'").replace("\n", "\\n")
     match term.kind:

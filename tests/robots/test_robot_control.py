@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,12 @@ from msgspec.structs import replace
 
 from mindstage.bridge.calls import ServerGoalHandle
 from mindstage.engines import NullEngine
+from mindstage.engines.base import Capability, Contact
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
+from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome, held_bodies
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import BaseType, RobotModel
 from mindstage.robots.robot import Robot
@@ -321,6 +322,19 @@ def test_a_path_is_driven_to_its_end_within_the_speed_limits(sim: Simulation, ro
     assert (x, y) == pytest.approx((0.0, 1.0), abs=0.012)
     assert wrapped(yaw - math.pi) == pytest.approx(0.0, abs=0.02)
     assert 0.6 < fastest <= robot.model.base.velocity * 1.03
+
+
+def test_the_base_is_slow_at_a_corner_and_does_not_overshoot_it(sim: Simulation, robot: Robot) -> None:
+    goal = robot.start_driving([(0.2, 0.0, 0.0), (0.2, 0.2, 0.0)])
+    farthest, fastest = 0.0, 0.0
+    while goal.result is None:
+        sim.step(0.01)
+        odometry = robot.odometry()
+        farthest = max(farthest, robot.base_pose()[0])
+        fastest = max(fastest, math.hypot(odometry.vx, odometry.vy))
+    assert goal.result, goal.result
+    assert farthest < 0.21
+    assert fastest > 0.3
 
 
 def test_odometry_is_exact_and_starts_where_the_robot_was_added(sim: Simulation, model: RobotModel) -> None:
@@ -634,3 +648,41 @@ def test_an_engine_without_actuators_has_the_robot_but_refuses_its_motions(model
         with sim.fork(physics=True) as copy:
             twin = find_robot(copy)
             assert twin.run(twin.moving_to({"lift_joint": 0.6}))
+
+
+@pytest.mark.parametrize("other", [None, "own link"])
+def test_fingers_on_the_ground_or_on_the_robot_itself_hold_nothing(robot: Robot, other: str | None) -> None:
+    drives = robot.controller.drives
+    ((name, fingers),) = drives.finger_bodies.items()
+    wheel = next(id for id in drives.link_of_body if id not in drives.gripper_bodies)
+    touched = wheel if other else None
+
+    class TouchingEngine(NullEngine):
+        capabilities = frozenset({Capability.CONTACTS})
+        of: BodyId | None = touched
+
+        def contacts(self) -> tuple[Contact, ...]:
+            return tuple(
+                Contact(a=next(iter(each)), b=self.of, position=(0, 0, 0), normal=(0, 0, 1), force_n=9.0, depth_m=0.001)
+                for each in fingers
+            )
+
+    engine = TouchingEngine()
+    assert held_bodies(engine, drives) == {}
+    engine.of = BodyId("cup")
+    assert held_bodies(engine, drives) == {name: BodyId("cup")}
+
+
+def test_a_motion_that_does_not_end_is_closed_after_its_time(sim: Simulation, robot: Robot) -> None:
+    start_s, closed_s = sim.state.time_s, list[float]()
+
+    def endless() -> Generator[float, None, None]:
+        try:
+            while sim.state.time_s < start_s + 2.0:
+                yield 0.05
+        finally:
+            closed_s.append(sim.state.time_s)
+
+    with pytest.raises(TimeoutError, match=r"did not end within 0\.5 s"):
+        robot.run(endless(), timeout_s=0.5)
+    assert closed_s == [pytest.approx(start_s + 0.5, abs=0.051)]

@@ -10,7 +10,7 @@ import pytest
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, HistoryChangedError, InvalidArgumentError
 from mindstage.maps import bundled_kitchen
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
 from tests.kitchenette import kitchenette
@@ -22,6 +22,25 @@ FRIDGE, DOOR, HANDLE, MUG = (BodyId(name) for name in ("Fridge", "FridgeDoor", "
 def simulation() -> Iterator[Simulation]:
     with Simulation(KnowledgeBase(), NullEngine()) as simulation:
         simulation.spawn(kitchenette())
+        yield simulation
+
+
+@pytest.fixture
+def room() -> Iterator[Simulation]:
+    """A chest on the floor between two others."""
+    boxes = {
+        "floor": ((0.0, 0.0, -0.05), (8.0, 8.0, 0.1)),
+        "chest": ((0.0, 0.0, 0.2), (0.4, 0.4, 0.4)),
+        "left": ((-0.6, 0.0, 0.3), (0.6, 0.6, 0.6)),
+        "right": ((0.6, 0.0, 0.3), (0.6, 0.6, 0.6)),
+    }
+    iri = Iri("http://example.org/room")
+    bodies = tuple(
+        Body(id=BodyId(name), iri=Iri(f"{iri}#{name}"), cls=Iri(f"{iri}#Box"), pose=Pose(at), size=size)
+        for name, (at, size) in boxes.items()
+    )
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as simulation:
+        simulation.spawn(World(iri=iri, bodies=bodies))
         yield simulation
 
 
@@ -70,6 +89,16 @@ def test_a_copied_group_is_pasted_beside_with_its_joints(simulation: Simulation)
     offset = position(simulation, "Fridge_1") - position(simulation, "Fridge")
     assert np.linalg.norm(offset) > 0.3, "it does not overlap the original"
     assert position(simulation, "FridgeDoor_1") - position(simulation, "FridgeDoor") == pytest.approx(offset)
+
+
+def test_a_copy_avoids_what_is_on_both_sides_of_its_original(room: Simulation) -> None:
+    (copy,) = paste_group(room, BodyGroup.from_world(room.snapshot(), [BodyId("chest")]))
+    world = room.snapshot()
+    at, size = position(room, copy), np.array(world.body("chest").size)
+    assert at[2] == pytest.approx(0.2), "on the floor"
+    for other in ("chest", "left", "right"):
+        gap = np.abs(at - position(room, other)) - (size + np.array(world.body(other).size)) / 2
+        assert gap[:2].max() > 0.0, f"beside {other}"
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])

@@ -180,6 +180,16 @@ class TestCommit:
             with pytest.raises(CommitError, match="reset"):
                 copy.commit()
 
+    def test_a_copy_of_a_copy_is_reset_to_before_it_was_made(self, sim: Simulation) -> None:
+        with sim.fork() as copy:
+            copy.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
+            copy.mark_start()
+            with copy.fork() as copy_of_copy:
+                copy_of_copy.reset()
+                with pytest.raises(CommitError, match="the copy was reset to a state before it was made"):
+                    copy_of_copy.commit()
+            assert len(copy.commit()) == 1
+
     def test_an_impossible_edit_names_what_was_done_before(self, sim: Simulation) -> None:
         apply = sim.engine.run(lambda engine: engine.apply)
 

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import accumulate, pairwise
 
 import pytest
 
@@ -291,3 +292,26 @@ def test_observers_get_states_at_their_interval_while_it_plays_faster_than_it_ca
         sim.pause()
         gaps = [after - before for before, after in zip(observer.times, observer.times[1:], strict=False)]
         assert max(gaps) < 0.06
+
+
+def test_steps_grow_again_by_doubling_after_an_engine_was_slow() -> None:
+    class RecordingEngine(SlowEngine):
+        def __init__(self) -> None:
+            super().__init__(6.0)
+            self.parts: list[float] = []
+
+        def step(self, duration_s: float) -> None:
+            self.parts.append(duration_s)
+            super().step(duration_s)
+
+    engine = RecordingEngine()
+    with Simulation(KnowledgeBase(), engine, threaded=False) as sim:
+        sim.step(0.2)
+        assert min(engine.parts) < 0.05
+        engine.wall_s_per_s = 0.0
+        engine.parts.clear()
+        sim.step(4.0)
+    assert sum(engine.parts) == pytest.approx(4.0)
+    largest = list(accumulate(engine.parts, max))
+    assert all(after <= 2.0 * before * (1.0 + 1e-9) for before, after in pairwise(largest))
+    assert largest[-1] > 2.0 * largest[0]

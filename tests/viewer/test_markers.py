@@ -89,3 +89,34 @@ def test_a_body_copy_looks_like_its_body_while_that_exists(simulation: Simulatio
     wait_until(lambda: not vertices(), "the copy is removed with its body")
     simulation.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), joints=(), attachments=()))
     wait_until(vertices, "the copy is shown again")
+
+
+def test_lines_points_and_boxes_have_the_sizes_places_and_colors_of_their_markers(
+    simulation: Simulation, viewer: Viewer
+) -> None:
+    quarter = Pose((1.0, 2.0, 3.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
+    points = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0))
+    shared = {"pose": quarter, "color": RED, "points": points}
+    simulation.add_markers(
+        [
+            Marker(id="strip", type=MarkerType.LINE_STRIP, size=(0.03, 0.0, 0.0), **shared),
+            Marker(id="cloud", type=MarkerType.POINTS, size=(0.05, 0.05, 0.0), **shared),
+            Marker(id="cube", type=MarkerType.CUBE, size=(0.1, 0.2, 0.3), pose=quarter, color=RED, opacity=0.5),
+        ]
+    )
+
+    def node(id: str) -> Any:
+        return viewer._server.scene.get_handle_by_name(f"/markers/{id}")
+
+    wait_until(lambda: node("cube") and node("cloud") and node("strip"), "they are drawn")
+    for id in ("strip", "cloud", "cube"):
+        np.testing.assert_allclose(node(id).position, quarter.position)
+        np.testing.assert_allclose(node(id).wxyz, quarter.quaternion)
+    assert (node("strip").thickness, node("strip").thickness_units) == (pytest.approx(0.03), "world")
+    np.testing.assert_allclose(node("strip").points, [points[:2], points[1:]])
+    assert (node("cloud").point_size, len(node("cloud").points)) == (pytest.approx(0.05), 3)
+    np.testing.assert_allclose(np.ptp(node("cube").vertices, axis=0), (0.1, 0.2, 0.3), atol=1e-6)
+    assert node("cube").opacity == pytest.approx(0.5)
+    for id in ("strip", "cloud"):
+        red, green, blue = np.asarray(node(id).colors).reshape(-1, 3)[0].tolist()
+        assert red > 150 > 100 > max(green, blue)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 import sys
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,13 +18,16 @@ import pytest
 import viser
 from msgspec.structs import replace
 
+import mindstage.viewer
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, NumberRefusedError, ViewerUnavailableError
 from mindstage.scene import BodyId, BodyPhysics, Pose
 from mindstage.scene.edits import Delete, SetPhysics, SetPoses, Spawn
+from mindstage.textures import TextureMap
 from mindstage.viewer import Viewer
+from mindstage.viewer.http import texture_path
 from tests.kitchenette import kitchenette
-from tests.viewer.page_client import connect_page_client
+from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
 MUG = BodyId("Mug")
@@ -52,6 +58,16 @@ def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
     assert viewer.url.startswith("http://127.0.0.1:")
     with urllib.request.urlopen(viewer.url, timeout=30) as page:
         assert b"<html" in page.read()
+
+
+def test_images_of_textures_are_served_and_unknown_ones_are_not_found(viewer: Viewer) -> None:
+    path = texture_path("oak_board", TextureMap.COLOR)
+    assert path is not None
+    with urllib.request.urlopen(viewer.url.rstrip("/") + path, timeout=60) as image:
+        assert (image.status, image.headers["Content-Type"]) == (200, "image/jpeg")
+        assert image.read(2) == b"\xff\xd8"
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(viewer.url.rstrip("/") + path.replace("oak", "gold"), timeout=60)
 
 
 def test_a_port_that_was_given_and_is_taken_is_an_error_that_names_its_user(
@@ -255,3 +271,21 @@ def test_the_page_stays_open_after_the_simulation_is_closed(simulation: Simulati
     wait_until(lambda: viewer.views._defaults, "requests are still accepted")
     assert viewer._thread.is_alive()
     assert shown(viewer, "Mug")
+
+
+def test_the_scripts_of_the_page_call_every_method_and_no_others(viewer: Viewer) -> None:
+    methods = {each.name for each in viewer.channel.entry_points()}
+    folder = Path(mindstage.viewer.__file__).parent
+    scripts = "\n".join(path.read_text(encoding="utf-8") for path in folder.rglob("*.js"))
+    words = set(re.findall(r"""["'`]([a-z_.]+)["'`]""", scripts))
+    assert methods <= words | {f"robots.{each}" for each in words}
+    assert set(re.findall(r'channel\.call\("([a-z_.]+)"', scripts)) <= methods
+
+
+def test_every_method_of_the_page_is_admitted_and_answered(viewer: Viewer) -> None:
+    methods = [each.name for each in viewer.channel.entry_points()]
+    assert {"select", "undo", "standard_view", "ask"} <= set(methods)
+    with connect_page_client(viewer.url) as page:
+        for name in methods:
+            with pytest.raises(RequestFailedError, match=r"^InvalidRequestError: .*no_such_field"):
+                page.ask(name, no_such_field=1)

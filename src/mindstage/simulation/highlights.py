@@ -196,7 +196,7 @@ class Highlights:
         self._last_seen: dict[BodyId, Color] = {}
 
     def apply(
-        self, engine: Engine, *, request: HighlightRequest, color: Color | None, replace: bool, strict: bool = False
+        self, engine: Engine, *, request: HighlightRequest, color: Color | None, replace: bool, strict: bool
     ) -> HighlightResult:
         """Highlights the bodies of the items, replacing the group of the same label or, with `replace`, all groups.
 
