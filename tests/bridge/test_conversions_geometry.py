@@ -169,7 +169,7 @@ def test_a_model_delta_leaves_out_defaults() -> None:
 
 
 def test_golden_geometries_and_model_deltas_are_read_and_written() -> None:
-    fields = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
+    fields = {case["name"]: case["json"] for case in cases()}
     golden = fields["a world with geometries and a plan"]
     assert geometry_from_json(golden["geometries"])[BodyId("drawer")].shape_name == "drawer"
     for text in (golden["plan"], fields["a handle on a drawer, as it was decided"]["plan"]):
