@@ -119,7 +119,9 @@ def save_the_map(page: Page, folder: Path) -> Path:
     return folder / "kitchen.ttl"
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "size", [pytest.param(size, marks=[] if size == "phone" else pytest.mark.slow) for size in SIZES]
+)
 def test_a_new_user_is_led_through_the_tour(kitchen: Simulation, browser: Any, tmp_path: Path, size: str) -> None:
     with Viewer(kitchen, port=0) as viewer:
         viewer.offer_tour()
