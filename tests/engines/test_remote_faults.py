@@ -31,6 +31,7 @@ from mindstage.scene import BodyId, diff
 from mindstage.scene.edits import Delete, Spawn
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.cases import each_case
 from tests.engines.fake_remote import (
     DESCRIBE_VALUES,
     NO_REFUSAL,
@@ -339,7 +340,7 @@ class Breaking(NullEngine):
         raise self.error
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("error", "comes_as"),
     [
         (SimulationDivergedError(time_s=1.25, what="velocities"), SimulationDivergedError),

@@ -40,6 +40,7 @@ from mindstage.msgs import (
     world_control_msgs,
 )
 from mindstage.msgs.schema.base import FieldInfo, fields_of, struct_of
+from tests.cases import each_case
 
 EVERY_TYPE = [*message_types().values(), *chain(*service_types().values()), *chain(*action_types().values())]
 
@@ -167,7 +168,7 @@ def test_every_type_is_found_by_its_name() -> None:
     assert type_name(geometry_msgs.Pose, RosVersion.TWO) == "geometry_msgs/msg/Pose"
 
 
-@pytest.mark.parametrize(
+@each_case(
     "name",
     ["geometry_msgs/Poze", "geometry_msgs/srv/Pose", "Pose", "", "geometry_msgs/msg/x/Pose", "/", "std_srvs/Empty"],
 )

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import each_case
 from tests.prolog.terminal import Terminal
 
 VERB = [sys.executable, "-m", "mindstage", "prolog", "--engine", "null"]
@@ -40,7 +41,7 @@ def terminal(*args: str, home: Path) -> Iterator[Terminal]:
 # -- one goal ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("goal", "code", "out", "err"),
     [
         ("handle_of(_, fridge_door, X), print(X), nl", 0, "kitchen:fridge_door_handle\n", ""),

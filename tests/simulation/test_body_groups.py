@@ -13,6 +13,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 FRIDGE, DOOR, HANDLE, MUG = (BodyId(name) for name in ("Fridge", "FridgeDoor", "FridgeHandle", "Mug"))
@@ -72,7 +73,7 @@ def test_a_copied_group_is_pasted_beside_with_its_joints(simulation: Simulation)
     assert position(simulation, "FridgeDoor_1") - position(simulation, "FridgeDoor") == pytest.approx(offset)
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
+@each_case("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
 def test_other_text_is_not_pasted(text: str) -> None:
     with pytest.raises(InvalidArgumentError, match="pasted text"):
         BodyGroup.from_text(text)

@@ -28,6 +28,7 @@ from mindstage.simulation import Simulation
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import RequestFilter
 from tests.bridge.certificates import Certificates, certificates
+from tests.cases import each_case
 
 __all__ = ["certificates"]
 
@@ -124,7 +125,7 @@ def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates)
             process.wait(TIMEOUT_S)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("arguments", "message"),
     [
         (("--tls-key", "key.pem"), "--tls-key: it requires --tls-cert"),
