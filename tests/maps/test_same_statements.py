@@ -15,7 +15,6 @@ from msgspec.structs import replace
 from mindstage.maps import MapFormat, save_map
 from mindstage.maps.io.files import read_file
 from mindstage.scene import Pose, World
-from tests.cases import each_case
 from tests.maps.dialect_maps import knowrob1_map, perception
 from tests.maps.small_maps import assert_worlds_equal, body_turtle, knowledge_base_from, room_map
 from tests.maps.test_write_original import HINGE, SMALL, SUFFIXES
@@ -87,7 +86,7 @@ def respelled(draw: st.DrawFn, text: str) -> str:
 
 
 @given(data=st.data(), format=st.sampled_from(MapFormat))
-@each_case("dialect", SMALL)
+@pytest.mark.parametrize("dialect", SMALL)
 def test_any_spelling_of_a_number_is_kept(
     tmp_path_factory: pytest.TempPathFactory, dialect: str, data: st.DataObject, format: MapFormat
 ) -> None:
