@@ -41,8 +41,8 @@ from mindstage.scene import (
 from mindstage.scene.edits import Delete, SetPoses, Spawn
 from tests.bridge.raw_client import eventually
 from tests.cases import each_case
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
-from tests.engines.served_simulation import ServedSimulation
 from tests.worlds import worlds
 
 NAN = float("nan")
