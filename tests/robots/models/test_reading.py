@@ -62,7 +62,7 @@ def random_positions(model: RobotModel, seed: int) -> dict[str, float]:
 
 # -- every example -----------------------------------------------------------------------------------------------------
 
-LARGE = {f"{name}_description" for name in ("so_arm", "borinot", "g1", "hextilt", "b1", "romeo", "centauro")}
+LARGE = {f"{name}_description" for name in ("so_arm", "borinot", "g1", "hextilt", "b1", "centauro")}
 """Folders of examples with meshes of many megabytes, which only `make test-slow` reads."""
 REFUSED = {"ur3.urdf": "the robot in it has no link"}
 """The examples that cannot be read, and why: this one is the output of a macro that was never called."""
