@@ -32,6 +32,7 @@ LONG_MODULES = (
     "cli/test_environments.py",
     "engines/test_kitchens.py",
     "episodes/test_detection.py",
+    "fuzz/test_running_server.py",
     "imagination/test_verdicts.py",
     "imagination/test_warp.py",
     "maps/test_fuzz_hostile.py",
@@ -48,8 +49,8 @@ LONG_MODULES = (
 )
 """Modules with tests of more than ten seconds."""
 
-WORKERS_PER_CORE = 2
-"""While a test waits for a browser, Godot, a socket or a process, another one computes."""
+WORKERS_PER_CORE = 3
+"""While a test waits for a browser, Godot, a socket or a process, which is 60 % of the time, others compute."""
 BYTES_PER_WORKER = 1_500_000_000
 """Memory of a worker with its browser [B]."""
 
