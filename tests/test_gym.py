@@ -22,6 +22,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import pose_from_array
 from mindstage.simulation.state import poses_in
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 TASKS = {"Open": "Drawer", "Pick": "Mug", "Place": "Mug"}
@@ -74,7 +75,7 @@ IMPORTS = {
 """Statements in a new process, and the id by which the environment is then found."""
 
 
-@pytest.mark.parametrize("order", IMPORTS)
+@each_case("order", IMPORTS)
 def test_an_environment_is_found_by_its_id_in_every_order_of_imports(order: str) -> None:
     statements, id = IMPORTS[order]
     code = (

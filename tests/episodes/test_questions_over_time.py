@@ -31,6 +31,7 @@ from mindstage.scene.edits import Attach, Detach, SetPoses
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.scene.transforms import pose_array
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import MAP, kitchenette
 
 TIMES_S = (0.0, 0.5, 1.0, 1.5)
@@ -156,7 +157,7 @@ def rounded(value: Any) -> Any:
     return [rounded(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-@pytest.mark.parametrize("question", state_questions(imagines=False), ids=lambda each: each.name)
+@each_case("question", state_questions(imagines=False), ids=lambda each: each.name)
 def test_a_question_at_a_time_answers_what_the_live_simulation_answered_then(run: Run, question: Question[Any]) -> None:
     for time_s in TIMES_S:
         now = run.live[question.name, time_s]
@@ -165,7 +166,7 @@ def test_a_question_at_a_time_answers_what_the_live_simulation_answered_then(run
         assert [each.reason for each in then.missing] == [each.reason for each in now.missing]
 
 
-@pytest.mark.parametrize("question", state_questions(imagines=False), ids=lambda each: each.name)
+@each_case("question", state_questions(imagines=False), ids=lambda each: each.name)
 def test_a_question_about_a_file_answers_what_the_live_simulation_answered(
     run: Run, file_knowledge: KnowledgeBase, question: Question[Any]
 ) -> None:
@@ -186,7 +187,7 @@ def test_the_questions_have_answers_to_compare_and_they_change(run: Run) -> None
         assert plain(run.live[name, 0.0]) != plain(run.live[name, 1.5]), name
 
 
-@pytest.mark.parametrize("question", state_questions(imagines=True), ids=lambda each: each.name)
+@each_case("question", state_questions(imagines=True), ids=lambda each: each.name)
 def test_a_question_that_imagines_continues_from_that_time(run: Run, question: Question[Any]) -> None:
     answers = run.knowledge.ask(question, **ARGUMENTS[question.name], at=0.0)
     assert answers
@@ -290,7 +291,7 @@ def test_measured_values_that_change_are_answers_of_their_own(run: Run) -> None:
 # -- errors ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("args", "error", "words"),
     [
         ({"at": 99.0}, EpisodeTimeError, "run has no state at 99 s; it lasts from 0 to 1.5 s"),

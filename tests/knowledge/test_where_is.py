@@ -19,6 +19,7 @@ from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.engines.scenes import body, world
 from tests.maps.small_maps import KNOWROB, ROOM_NAMESPACE, knowledge_base_from, room_map
 from tests.maps.small_maps import body_turtle as individual
@@ -43,7 +44,7 @@ def relations_of(source: KnowledgeBase | Simulation, **args: object) -> set[tupl
     return {(local_name(row.thing), row.relation.value, local_name(row.other)) for row in rows}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("thing", "relation", "other"),
     [
         ("milk_carton_1", "inside", "fridge"),
@@ -81,7 +82,7 @@ def test_relations_in_the_kitchen_are_as_expected(
     assert (thing, relation, other) in relations_of(kitchen, thing=thing, other=other)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("thing", "relation", "other"),
     [
         ("milk_carton_1", "on", "freezer"),

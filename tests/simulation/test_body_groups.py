@@ -13,6 +13,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 FRIDGE, DOOR, HANDLE, MUG = (BodyId(name) for name in ("Fridge", "FridgeDoor", "FridgeHandle", "Mug"))
@@ -101,7 +102,7 @@ def test_a_copy_avoids_what_is_on_both_sides_of_its_original(room: Simulation) -
         assert gap[:2].max() > 0.0, f"beside {other}"
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
+@each_case("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
 def test_other_text_is_not_pasted(text: str) -> None:
     with pytest.raises(InvalidArgumentError, match="pasted text"):
         BodyGroup.from_text(text)

@@ -24,6 +24,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.edits import SetLabel
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 TIMEOUT_S = 20.0
@@ -231,8 +232,8 @@ def test_a_callback_of_late_ends_that_raises_does_not_end_the_thread(sim: Simula
     def fail(label: str, error: BaseException | None) -> None:
         raise SystemExit
 
-    sim.engine.on_late_end(fail)
-    sim.engine.on_late_end(lambda label, error: ends.append(label))
+    sim.engine.engine.on_late_end(fail)
+    sim.engine.engine.on_late_end(lambda label, error: ends.append(label))
     with pytest.raises(SimulationTimeoutError):
         sim.engine.run(lambda _: may_end.wait(TIMEOUT_S), label="late", timeout_s=0.05)
     may_end.set()
@@ -253,7 +254,7 @@ class FailingEngine(NullEngine):
         super().step(duration_s)
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@each_case("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_an_engine_that_raises_pauses_the_simulation(error: BaseException) -> None:
     engine = FailingEngine()
     with Simulation(KnowledgeBase(), engine, primitive_shapes=True, timeout_s=TIMEOUT_S) as sim:

@@ -24,7 +24,7 @@ from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, diff
 from mindstage.scene.edits import Attach, Delete, Edit, SetLabel, SetMaterials, SetPoses, Spawn
 from mindstage.simulation import Simulation, SimulationImage
 from mindstage.simulation.imagined import match_world
-from tests.engines.served_simulation import ServedSimulation
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.kitchenette import kitchenette
 
 MUG, DRAWER, FRIDGE, DOOR = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge"), BodyId("FridgeDoor")

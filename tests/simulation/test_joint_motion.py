@@ -35,6 +35,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.edits import Delete, SetPhysics
 from mindstage.simulation import JointMotion, Simulation
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 
@@ -166,9 +167,9 @@ HINGE = replace(
 )
 
 
-@pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
-@pytest.mark.parametrize("is_swapped", [False, True])
-@pytest.mark.parametrize("joint", [SLIDE, HINGE], ids=["slide", "hinge"])
+@each_case("engine", [NullEngine, MujocoEngine])
+@each_case("is_swapped", [False, True])
+@each_case("joint", [SLIDE, HINGE], ids=["slide", "hinge"])
 def test_unequal_limits_hold_for_either_order_of_the_bodies(
     engine: type[Engine], is_swapped: bool, joint: Joint
 ) -> None:

@@ -97,7 +97,7 @@ def test_lines_points_and_boxes_have_the_sizes_places_and_colors_of_their_marker
     quarter = Pose((1.0, 2.0, 3.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
     points = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0))
     shared = {"pose": quarter, "color": RED, "points": points}
-    simulation.add_markers(
+    simulation.markers.add(
         [
             Marker(id="strip", type=MarkerType.LINE_STRIP, size=(0.03, 0.0, 0.0), **shared),
             Marker(id="cloud", type=MarkerType.POINTS, size=(0.05, 0.05, 0.0), **shared),

@@ -20,8 +20,8 @@ from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
-from tests.engines.served_simulation import ServedSimulation
 
 
 @pytest.fixture
