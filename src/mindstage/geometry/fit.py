@@ -357,7 +357,7 @@ def fit_geometry(world: World, knowledge: ShapeRuleProvider, *, meshes: MeshProv
     if meshes is not None:
         loaded = meshes.geometry_for(world.bodies)
         geometry |= loaded.geometry
-        notes.notes += [FitNote((), text) for text in loaded.engine.notes]
+        notes.notes += [FitNote((), text) for text in loaded.notes]
     rules = {cls: knowledge.shape_rule(cls) for cls in dict.fromkeys(body.cls for body in world.bodies)}
     if world.bodies:
         _fit(SceneContext(world, rules), geometry, notes)
