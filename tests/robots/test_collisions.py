@@ -126,10 +126,10 @@ def test_what_is_attached_to_the_hand_collides_too() -> None:
         joints, state = robot.model.arms[0].joints, reaching(robot, x + 0.1, y, z)
         assert CollisionChecker(robot, joints=joints, ignore={BodyId("rod")}).find_at(state) is None
         grip = robot.link_ids["gripper_link"]
-        robot.session.run_on_engine(
+        robot.session.engine.run(
             lambda engine: engine.apply(SetPoses({BodyId("rod"): Pose((x + 0.1, y, z))})), edits=True
         )
-        robot.session.run_on_engine(lambda engine: engine.apply(Attach(grip, BodyId("rod"))), edits=True)
+        robot.session.engine.run(lambda engine: engine.apply(Attach(grip, BodyId("rod"))), edits=True)
         holding = CollisionChecker(robot, joints=joints)
         assert holding.find_at(reaching(robot, x, y, z + 0.05)) is None
         found = holding.find_at(state)
@@ -187,7 +187,7 @@ def test_what_rests_in_a_drawer_moves_with_it_and_what_stands_above_does_not() -
     with ms.open("bundled:kitchen") as sim:
         drawer = sim.joint("drawer_right_1")
         sim.step(0.5)
-        contacts = sim.run_on_engine(lambda engine: ContactModel(engine.compiled(), moving=()))
+        contacts = sim.engine.run(lambda engine: ContactModel(engine.compiled(), moving=()))
 
         def positions(*ids: str) -> np.ndarray:
             return np.array([contacts.pose(BodyId(id))[:3] for id in ids])

@@ -191,7 +191,7 @@ class CollisionChecker:
                 clearance_m=max(clearance_m, 0.0),
             )
 
-        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._contacts = robot.session.engine.run(copy, label="copy for collisions")
         self._set_joints()
         self._base_joint = robot.placed.base_joint_id if base_moves else None
         self._base_frame = robot.base_frame()
@@ -372,7 +372,7 @@ class HandChecker:
                 clearance_m=max(clearance_m, 0.0),
             )
 
-        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._contacts = robot.session.engine.run(copy, label="copy for collisions")
         self._clearance_m = clearance_m
         self._link = link_ids[gripper.link]
         self._grasp = normalized_pose_array(gripper.grasp_pose)

@@ -136,9 +136,9 @@ class AddRobot(GeometryEdit, SessionEdit, frozen=True, kw_only=True):
 
     def complete(self, session: Any, engine: Engine) -> None:
         """See `SessionEdit`."""
-        former = session.former_robots.get(self.name)
+        former = session.robots.former(self.name)
         is_same = isinstance(former, Robot) and former.placed.world is self.world
-        session.keep_robot(former if is_same else self._robot(session))
+        session.robots.keep(former if is_same else self._robot(session))
 
     def removal(self, present: Collection[BodyId]) -> RemoveRobot:
         """The edit that removes the robot.
@@ -206,7 +206,7 @@ class RemoveRobot(SessionEdit, frozen=True, kw_only=True):
 
     def complete(self, session: Any, engine: Engine) -> None:
         """See `SessionEdit`."""
-        session.drop_robot(self.robot.name)
+        session.robots.drop(self.robot.name)
 
 
 def add_robot(
@@ -245,7 +245,7 @@ def add_robot(
     world_ids = {joint.id for world in session.worlds for joint in world.joints}
     placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
     drives = drives_of(model, placed, name=name)
-    has_drives = Capability.ACTUATORS in session.capabilities
+    has_drives = Capability.ACTUATORS in session.engine.capabilities
     edit = AddRobot(
         name=name,
         world=placed.world,

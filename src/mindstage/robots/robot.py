@@ -147,7 +147,7 @@ class Robot:
     def actuated_bodies(self) -> ActuatedBodies:
         """Its actuators as a file has them, with commands relative to its present poses; see `Simulation.save`."""
         drives, placed = self.controller.drives, self._placed
-        states = self.session.run_on_engine(_actuator_states, label="actuators")
+        states = self.session.engine.run(_actuator_states, label="actuators")
         commands = {
             each.name: states[each.name].command
             - (states[each.name].position if each.mode is ActuatorMode.POSITION else 0.0)
@@ -172,7 +172,7 @@ class Robot:
 
     def joint_states(self) -> dict[str, JointState]:
         """The state of each joint that moves, in the order of the model."""
-        return self.session.run_on_engine(self.read_joint_states, label="joint states")
+        return self.session.engine.run(self.read_joint_states, label="joint states")
 
     def read_joint_states(self, engine: Engine) -> dict[str, JointState]:
         """The same for callers in the engine thread."""
@@ -258,7 +258,7 @@ class Robot:
     def held(self) -> Mapping[str, BodyId]:
         """What each gripper holds: a body that is attached to it, or that two of its fingers touch."""
         drives = self.controller.drives
-        return self.session.run_on_engine(lambda engine: held_bodies(engine, drives), label="held bodies")
+        return self.session.engine.run(lambda engine: held_bodies(engine, drives), label="held bodies")
 
     def odometry(self) -> Odometry:
         """The motion of the base since the robot was added; zero for a fixed one."""
@@ -273,7 +273,7 @@ class Robot:
             rows = [states[name] for name in base.actuators]
             return np.array([each.position for each in rows]), np.array([each.velocity for each in rows])
 
-        coordinates, (vx, vy, wz) = self.session.run_on_engine(read, label="odometry")
+        coordinates, (vx, vy, wz) = self.session.engine.run(read, label="odometry")
         start = base.world_from_joint(np.zeros(3))
         x, y, yaw = planar_multiply(planar_inverse(start), base.world_from_joint(coordinates))
         # The origin of the base link moves along when the joint turns at a distance.
@@ -293,7 +293,7 @@ class Robot:
         Raises:
             CommandRefusedError: the base is fixed.
         """
-        self.session.run_on_engine(
+        self.session.engine.run(
             lambda engine: self.controller.set_base_pose(engine, (x, y, yaw)), label="set base pose", edits=True
         )
 
@@ -426,7 +426,7 @@ class Robot:
 
     def stop(self) -> None:
         """Ends all motions; the joints hold their positions."""
-        self.session.run_on_engine(lambda _: self.controller.stop(), label="stop robot")
+        self.session.engine.run(lambda _: self.controller.stop(), label="stop robot")
 
     def halt(self) -> None:
         """Ends all motions at once, without a ramp: for what has been pressed into something."""
@@ -551,18 +551,18 @@ class Robot:
             self.session.step(left_s)
 
     def _start(self, start: Callable[[Engine], MotionGoal], label: str) -> MotionGoal:
-        goal = self.session.run_on_engine(start, label=label)
+        goal = self.session.engine.run(start, label=label)
         if goal is not self._last_goal:  # a velocity is commanded again and again
             self._last_goal = goal
             details = {"robot": self.name, "motion": goal.kind, **goal.command_details()}
-            self.session.report("command", ids=(self._root,), details=details)
+            self.session.observers.report("command", ids=(self._root,), details=details)
         return goal
 
     def _report_end(self, goal: MotionGoal) -> None:
         """Reports the end of a motion to observers; called in the engine thread."""
         if goal.result is not None:
             details = {"robot": self.name, "motion": goal.kind, **msgspec.to_builtins(goal.result)}
-            self.session.report("motion", ids=(self._root,), details=details, client=self.name)
+            self.session.observers.report("motion", ids=(self._root,), details=details, client=self.name)
 
     @contextmanager
     def performing(self, skill: str, args: Mapping[str, object]) -> Iterator[Callable[[str, str], None]]:
@@ -584,12 +584,12 @@ class Robot:
             end.update(outcome=outcome, reason=reason)
 
         ids = (*things, self._root)
-        self.session.report(SKILL_EDIT, ids=ids, details=details, client=self.name)
+        self.session.observers.report(SKILL_EDIT, ids=ids, details=details, client=self.name)
         try:
             yield finish
         finally:
             result = end or {"outcome": MotionOutcome.CANCELED.value, "reason": ""}
-            self.session.report(SKILL_EDIT, ids=ids, details=details | result, client=self.name)
+            self.session.observers.report(SKILL_EDIT, ids=ids, details=details | result, client=self.name)
 
     # -- copies --------------------------------------------------------------------------------------------
 
@@ -611,8 +611,8 @@ class Robot:
         """
         controller = controllers.controllers[self.controller_name]
         assert isinstance(controller, RobotController)
-        if Capability.ACTUATORS in session.capabilities:  # an engine that was not forked has no actuators yet
-            session.run_on_engine(controller.connect, label="connect robot")
+        if Capability.ACTUATORS in session.engine.capabilities:  # an engine that was not forked has no actuators yet
+            session.engine.run(controller.connect, label="connect robot")
         return Robot(
             self.name,
             self.model,

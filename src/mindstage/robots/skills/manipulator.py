@@ -120,7 +120,7 @@ def _pressed(task: SkillTask, own: frozenset[BodyId]) -> dict[tuple[BodyId, Body
             for each in sorted(deep, key=lambda each: -each.depth_m)
         }
 
-    return task.session.run_on_engine(read, label="contacts")
+    return task.session.engine.run(read, label="contacts")
 
 
 def guarded(task: SkillTask, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
@@ -551,7 +551,7 @@ class Manipulator:
         if self.robot.opening(self.gripper.name) <= _EMPTY_M:
             return False
         # Fingers that turn, or whose shapes are coarse, do not close fully on nothing either.
-        return self.held is not None or not self.task.session.run_on_engine(_reads_contacts, label="capabilities")
+        return self.held is not None or not self.task.session.engine.run(_reads_contacts, label="capabilities")
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""
