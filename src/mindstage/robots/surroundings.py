@@ -17,7 +17,7 @@ from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry
-from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
+from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.simulation import Simulation
 
@@ -269,13 +269,7 @@ class Surroundings:
 
     def _offset(self, part: ArticulatedPart, point: Array) -> float:
         """The distance of a point from the middle of a closed part, in its plane [m]."""
-        closed = np.concatenate(
-            [
-                np.asarray(part.joint.pose_at(part.joint.closed_position).position),
-                np.asarray(part.joint.pose_at(part.joint.closed_position).quaternion),
-            ]
-        )
-        closed[3:] = normalize(closed[3:])
+        closed = normalized_pose_array(part.joint.pose_at(part.joint.closed_position))
         local = pose_multiply(pose_inverse(closed), np.array([*point, 1.0, 0.0, 0.0, 0.0]))[:3]
         size = np.asarray(self.body(part.id).size or (0.0, 0.0, 0.0))
         across = [axis for axis in range(3) if axis != int(np.argmin(size))]
