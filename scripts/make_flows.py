@@ -1,6 +1,7 @@
 """Counts the source files that each main flow passes, for docs/explanation/architecture.md; with --check only compares.
 
-With `-v FLOW` it prints the names of the files instead.
+It also follows a thing that a robot picks up from function to function. With `-v FLOW` it prints the names of the
+files, or of the functions, instead.
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ import re
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 
+import msgspec
 from generated import is_check
 
 import mindstage as ms
@@ -25,11 +28,17 @@ from mindstage.scene import World
 from mindstage.scene.edits import Spawn
 from mindstage.simulation import Simulation
 
-__all__ = ["FlowTracer", "main"]
+__all__ = ["FlowTracer", "ThingTracer", "main"]
 
 PACKAGE = str(Path(ms.__file__).parent) + "/"
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "explanation" / "architecture.md"
 HEAD = "| flow | files |\n|---|---|\n"
+THING_HEAD = "| thing | functions | modules | returns | climbs |\n|---|---|---|---|---|\n"
+THING_FLOW = "a carton that a robot picks up"
+MAX_TRIES = 200
+"""How many calls of a function are looked at for the thing."""
+MAX_PARTS = 20
+"""Longer collections are not looked through."""
 TOLERANCE = 3
 """Difference of counts that is no change, since threads pass other files by chance."""
 
@@ -58,30 +67,122 @@ class FlowTracer:
             self.files.add(code.co_filename.removeprefix(PACKAGE))
 
 
+class ThingTracer:
+    """Follows a thing: the functions of the package that are called with its id, or with a value that has its id.
+
+    Each function counts when it is first called so. A return is a function of another module than the one before, to
+    which the thing had been given before that; a climb is a call from a package to a higher one.
+    """
+
+    def __init__(self, id: str) -> None:
+        self.id = id
+        self.steps: list[tuple[str, str]] = []
+        """Modules and functions, in the order of the calls."""
+        self.climbs: list[tuple[str, str]] = []
+        """The functions that are called from a lower package."""
+        self._tries: dict[CodeType, int] = {}
+        names = re.findall(r"^\| `([a-z_/]+)` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+        self._floors = {name: number for number, name in enumerate(names)}
+
+    def run(self, flow: Callable[[], object]) -> tuple[int, int, int, int]:
+        """Runs a flow; returns the numbers of functions, modules, returns and climbs."""
+        sys.setprofile(self._record)
+        try:
+            flow()
+        finally:
+            sys.setprofile(None)
+        modules = [module for module, _ in self.steps]
+        returns = sum(b != a and b in modules[:row] for row, (a, b) in enumerate(pairwise(modules), 1))
+        return len(modules), len(set(modules)), returns, len(self.climbs)
+
+    def _record(self, frame: FrameType, event: str, _: object) -> None:
+        code = frame.f_code
+        if event != "call" or self._tries.get(code, 0) >= MAX_TRIES or not self._module(code):
+            return
+        self._tries[code] = self._tries.get(code, 0) + 1
+        values = frame.f_locals
+        arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
+        if any(self._has(values[name]) for name in arguments if name in values):
+            self._tries[code] = MAX_TRIES
+            step = self._module(code), code.co_qualname
+            self.steps.append(step)
+            caller = frame.f_back
+            while caller is not None and not self._module(caller.f_code):
+                caller = caller.f_back
+            if caller is not None and self._floor(self._module(caller.f_code)) < self._floor(step[0]):
+                self.climbs.append(step)
+
+    def _has(self, value: object) -> bool:
+        if isinstance(value, (tuple, list, set, frozenset, dict)):
+            return len(value) < MAX_PARTS and any(isinstance(each, str) and each == self.id for each in value)
+        if isinstance(value, msgspec.Struct):
+            return any(isinstance(each, str) and each == self.id for each in msgspec.structs.astuple(value))
+        return isinstance(value, str) and value == self.id
+
+    @staticmethod
+    def _module(code: CodeType) -> str:
+        """The file of a function in the package; empty for others, for comprehensions and for checks of ranges."""
+        name = code.co_filename.removeprefix(PACKAGE)
+        is_own = name != code.co_filename and not code.co_name.startswith("<") and name != "ranges.py"
+        return name if is_own else ""
+
+    def _floor(self, module: str) -> int:
+        """The number of the package of a module."""
+        path = module.removesuffix(".py")
+        while path and path not in self._floors:
+            path = path.rpartition("/")[0]
+        return self._floors[path]
+
+
 def main() -> int:
-    """Writes or checks the table; returns 0 if it is up to date, otherwise 1."""
+    """Writes or checks the tables; returns 0 if they are up to date, otherwise 1."""
     if "-v" in sys.argv[1:]:
         wanted = sys.argv[-1]
-        print(*(name for flow, files in flows() if wanted in flow for name in files), sep="\n")
+        print(*(name for flow, names, _ in flows() if wanted in flow for name in names), sep="\n")
         return 0
     check = is_check()
     text = PAGE.read_text(encoding="utf-8")
-    table = re.compile(re.escape(HEAD) + r"((?:\|.*\n)*)")
-    written = dict(re.findall(r"^\| (.*) \| (\d+) \|$", table.search(text)[1], re.MULTILINE))  # type: ignore[index]
-    counted = {flow: len(files) for flow, files in flows()}
-    is_same = written.keys() == counted.keys() and all(
-        abs(int(written[flow]) - count) <= TOLERANCE for flow, count in counted.items()
-    )
+    written = dict(re.findall(r"^\| (.*?) \| ([\d |]*\d) \|$", text, re.MULTILINE))
+    counted = {flow: counts for flow, _, counts in flows()}
+    is_same = all(_is_same(written.get(flow, ""), counts) for flow, counts in counted.items())
     if check and not is_same:
         print(f"{PAGE.name} is out of date: run {Path(sys.argv[0]).name}; counted: {counted}", file=sys.stderr)
     elif not is_same:
-        rows = "".join(f"| {flow} | {count} |\n" for flow, count in counted.items())
-        PAGE.write_text(table.sub(HEAD + rows, text), encoding="utf-8")
+        rows = {flow: f"| {flow} | {' | '.join(map(str, counts))} |\n" for flow, counts in counted.items()}
+        for head, own in ((HEAD, [each for each in rows if each != THING_FLOW]), (THING_HEAD, [THING_FLOW])):
+            table = head + "".join(rows[each] for each in own)
+            text = re.sub(re.escape(head) + r"(?:\|.*\n)*", lambda _, table=table: table, text)
+        PAGE.write_text(text, encoding="utf-8")
     return int(check and not is_same)
 
 
-def flows() -> Iterator[tuple[str, list[str]]]:
-    """Yields each flow with its files; each begins where the one before it has ended."""
+def _is_same(written: str, counts: Sequence[int]) -> bool:
+    """Whether a row of the page has numbers, up to the tolerance."""
+    before = [int(each) for each in written.split(" | ") if each]
+    return len(before) == len(counts) and all(abs(a - b) <= TOLERANCE for a, b in zip(before, counts, strict=True))
+
+
+def flows() -> Iterator[tuple[str, list[str], tuple[int, ...]]]:
+    """Yields each flow with its files, or the functions that get a thing, and its numbers."""
+    for flow, files in _file_flows():
+        yield flow, files, (len(files),)
+    yield _thing_flow()
+
+
+def _thing_flow() -> tuple[str, list[str], tuple[int, ...]]:
+    knowledge = KnowledgeBase()
+    knowledge.load(bundled_kitchen())
+    with Simulation(knowledge, MujocoEngine(), threaded=False) as sim:
+        sim.spawn()
+        sim.joint("fridge_door").open()
+        sim.step(0.1)
+        robot = add_robot(sim, "mobile_manipulator", (0.6, 0.6, 0.0))
+        things = ThingTracer("milk_carton_1")
+        counts = things.run(lambda: robot.do("pick milk_carton_1"))
+    return THING_FLOW, [f"{module} {function}" for module, function in things.steps], counts
+
+
+def _file_flows() -> Iterator[tuple[str, list[str]]]:
     tracer = FlowTracer()
     knowledge = KnowledgeBase()
     worlds: list[World] = []
