@@ -1,7 +1,8 @@
 """MujocoEngine: a world simulated by MuJoCo in this process.
 
 Static bodies are fixed to MuJoCo's world, and so are kinematic ones until one of them is moved; from then on they are
-mocap bodies. Dynamic bodies have free joints, or joints of kinematic trees. An edit only marks the model as stale; the
+so heavy that nothing changes their prescribed velocities (see `CompiledModel.set_kinematic_pose`). Dynamic bodies have
+free joints, or joints of kinematic trees. An edit only marks the model as stale; the
 next call that needs physics compiles a new model, once for all edits, and transfers the running state to it (see
 `transfer_state`).
 """
@@ -555,8 +556,7 @@ class MujocoEngine(EditingEngine):
         target = normalized_pose_array(pose)
         if id in cache.forest.tree_joints:
             cache.model()  # joint coordinates need a current model
-        tolerance = _MAX_BEYOND_LIMIT if restores else 0.0
-        if cache.stale or not self._move_in_place(cache, id, target, tolerance):
+        if cache.stale or not self._move_in_place(cache, id, target, restores=restores):
             cache.move(id, target)
         cache.registry.move(id, pose)
 
@@ -659,7 +659,7 @@ class MujocoEngine(EditingEngine):
 
     def stats(self) -> EngineStats:
         compiled = self._require_open().last_model
-        sleep = np.zeros(0) if compiled is None else compiled.data.body_awake
+        sleep = np.zeros(0) if compiled is None else compiled.data.body_awake[~compiled.is_kinematic]
         return EngineStats(
             movable=int(np.count_nonzero(sleep >= int(mujoco.mjtSleepState.mjS_ASLEEP))),
             awake=int(np.count_nonzero(sleep == int(mujoco.mjtSleepState.mjS_AWAKE))),
@@ -740,7 +740,7 @@ class MujocoEngine(EditingEngine):
             if point is not None:
                 compiled.data.xfrc_applied[body_id, 3:] += np.cross(point - compiled.data.xipos[body_id], force)
 
-    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array, tolerance: float) -> bool:
+    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array, *, restores: bool) -> bool:
         """Moves a body without a new model if it is free, kinematic or on a joint; False for others."""
         cache.enable_kinematic_motion(id)
         compiled = cache.model()
@@ -749,10 +749,10 @@ class MujocoEngine(EditingEngine):
             qpos, dof = compiled.free_joint_addresses[id]
             compiled.data.qpos[qpos : qpos + 7] = target
             compiled.data.qvel[dof : dof + 6] = 0.0
-        elif id in compiled.mocap_ids:
-            compiled.data.mocap_pos[compiled.mocap_ids[id]] = target[:3]
-            compiled.data.mocap_quat[compiled.mocap_ids[id]] = target[3:]
+        elif id in compiled.kinematic_addresses:
+            compiled.set_kinematic_pose(id, target, at_once=restores)
         elif (tree_joint := cache.forest.tree_joints.get(id)) is not None:
+            tolerance = _MAX_BEYOND_LIMIT if restores else 0.0
             self._set_joint(cache, id, tree_joint.joint.id, target, tolerance)
         else:
             return False

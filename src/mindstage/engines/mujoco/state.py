@@ -30,6 +30,7 @@ __all__ = [
     "CompiledModel",
     "CompiledState",
     "ContactPoints",
+    "KinematicMotion",
     "MergedContacts",
     "ModelActuators",
     "ModelJoint",
@@ -43,6 +44,7 @@ __all__ = [
     "scale_model",
     "set_commands",
     "set_joint_coordinates",
+    "set_tolerance",
     "transfer_state",
     "wake_islands",
 ]
@@ -83,11 +85,42 @@ class CompiledState(NamedTuple):
 
     qpos: Array
     qvel: Array
-    mocap_pos: Array
-    """k x 3 [m]."""
-    mocap_quat: Array
-    """k x 4."""
     time_s: float
+
+
+class KinematicMotion(NamedTuple):
+    """How a kinematic body gets to the pose that was set last; velocities are those of a free joint.
+
+    These are linear in the world frame [m/s], then angular in the body frame [rad/s].
+    """
+
+    set_at_s: float
+    """The simulated time at which that pose was set [s]."""
+    steps: int
+    """Number of time steps until it is there."""
+    pose: Array
+    """Where the body is for the physics; `qpos` has the pose that was set."""
+    velocity: Array
+    """Its velocity there."""
+    acceleration: Array
+    """[m/s²], [rad/s²]."""
+    mean_velocity: Array
+    """Of the whole motion."""
+    before: Array
+    """The mean velocity of the motion before."""
+
+
+_FIRST_PERIOD_S, _MAX_PERIOD_S = 0.02, 0.1
+"""The time of the first motion of a kinematic body, and the longest one [s]."""
+_MAX_SPEEDS = (5.0, 30.0)
+"""Largest speeds of a kinematic body that moves to a pose [m/s, rad/s]."""
+_MAX_ACCELERATIONS = (20.0, 200.0)
+"""Largest accelerations between two motions [m/s², rad/s²]; beyond these, the velocity changes suddenly."""
+
+
+def _exceeds(vector: Array, limits: tuple[float, float]) -> bool:
+    """Whether the linear or the angular half of a vector is longer than its limit."""
+    return bool(np.linalg.norm(vector[:3]) > limits[0] or np.linalg.norm(vector[3:]) > limits[1])
 
 
 @dataclass(slots=True)
@@ -110,8 +143,8 @@ class CompiledModel:
     """The tree joints by id."""
     free_joint_addresses: dict[BodyId, tuple[int, int]]
     """Addresses in `qpos` and `qvel` of each rigid group with a free joint."""
-    mocap_ids: dict[BodyId, int]
-    """MuJoCo's mocap id of each kinematic group."""
+    kinematic_addresses: dict[BodyId, tuple[int, int]]
+    """The same of each kinematic group that can be moved."""
     geom_rows: NDArray[np.intp]
     """Row of the body of each geom; -1 for the ground."""
     actuators: ModelActuators = _NO_ACTUATORS
@@ -119,11 +152,19 @@ class CompiledModel:
     """The size up to which the arena grows."""
     poses_outdated: bool = False
     """Whether time has advanced since the poses in `data` were computed: `mj_step` computes those before its step."""
+    motions: dict[BodyId, KinematicMotion] = field(default_factory=dict)
+    """The last motion of each kinematic group."""
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
     free_velocities: NDArray[np.intp] = field(init=False)
     """Addresses in `qvel` of their linear velocities, k x 3."""
+    kinematic_qpos: NDArray[np.intp] = field(init=False)
+    """The addresses of all coordinates of kinematic groups in `qpos`, k x 7."""
+    kinematic_dofs: NDArray[np.intp] = field(init=False)
+    """Those of their velocities in `qvel`, k x 6."""
+    is_kinematic: NDArray[np.bool_] = field(init=False)
+    """Whether each MuJoCo body is part of a kinematic group that can be moved."""
     before: Any = field(init=False, default=None)
     """Data for the state before a step; None until a step needs it."""
 
@@ -131,12 +172,45 @@ class CompiledModel:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.free_heights = addresses[:, 0] + 2
         self.free_velocities = addresses[:, 1:] + np.arange(3)
+        addresses = np.array(list(self.kinematic_addresses.values()), dtype=np.intp).reshape(-1, 2)
+        self.kinematic_qpos, self.kinematic_dofs = addresses[:, :1] + np.arange(7), addresses[:, 1:] + np.arange(6)
+        kinematic = [self.body_ids[root] for root in self.kinematic_addresses]
+        self.is_kinematic = np.isin(self.model.body_weldid, kinematic)
 
     def copy(self) -> CompiledModel:
         """An independent copy of the state, sleep included; the model and all addresses are shared."""
-        result = replace(self)
+        result = replace(self, motions=dict(self.motions))
         result.data = copy.copy(self.data)
         return result
+
+    def set_kinematic_pose(self, root: BodyId, target: Array, *, at_once: bool) -> None:
+        """Sets the pose of a kinematic group.
+
+        For the physics, it moves there within the time since its pose was set before, at most `_MAX_PERIOD_S`, else
+        within `_FIRST_PERIOD_S`: as a program moves a body that sets a pose in each of its cycles. Its mean velocity
+        follows from the distance, and its acceleration from the mean velocity before, unless that were beyond
+        `_MAX_ACCELERATIONS`. If the velocity were beyond `_MAX_SPEEDS`, or with `at_once`, the body is there at once,
+        at rest.
+        """
+        address, now_s, timestep_s = self.kinematic_addresses[root][0], float(self.data.time), self.model.opt.timestep
+        qpos = self.data.qpos[address : address + 7]
+        last, steps, before = self.motions.get(root), round(_FIRST_PERIOD_S / timestep_s), np.zeros(6)
+        start = last.pose if last is not None and last.steps else qpos.copy()
+        if last is not None and now_s - last.set_at_s < _MAX_PERIOD_S:
+            passed = round((now_s - last.set_at_s) / timestep_s)
+            before = last.mean_velocity if passed else last.before
+            steps = passed or last.steps or steps
+        duration_s, turn = max(steps, 1) * timestep_s, np.zeros(3)
+        mujoco.mju_subQuat(turn, target[3:], start[3:])
+        mean = np.concatenate([target[:3] - start[:3], turn]) / duration_s
+        acceleration = (mean - before) / duration_s
+        if at_once or _exceeds(mean, _MAX_SPEEDS):
+            steps, mean = 0, np.zeros(6)
+        if _exceeds(acceleration, _MAX_ACCELERATIONS):
+            acceleration = np.zeros(6)
+        velocity = mean - acceleration * (duration_s + timestep_s) / 2  # MuJoCo changes the velocity, then the pose
+        self.motions[root] = KinematicMotion(now_s, steps, start, velocity, acceleration, mean, before)
+        qpos[:] = target
 
     @checked
     def step(self, count: Count) -> None:
@@ -145,9 +219,40 @@ class CompiledModel:
         The result is the same as with an arena that was large from the beginning.
 
         Raises:
-            EngineMemoryError: the arena would exceed its largest size; the state is that before the steps.
-            EngineError: MuJoCo failed; the state is that before the steps.
+            EngineMemoryError: the arena would exceed its largest size; the state is that before a part of the steps.
+            EngineError: MuJoCo failed; the state is that before a part of the steps.
         """
+        if not self.kinematic_addresses:
+            self._advance(count)
+            return
+        while count:
+            moving = {root: motion for root, motion in self.motions.items() if motion.steps}
+            part = min(count, *(motion.steps for motion in moving.values())) if moving else count
+            self._step_with_motions(moving, part)
+            count -= part
+
+    def _step_with_motions(self, moving: Mapping[BodyId, KinematicMotion], count: int) -> None:
+        """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions."""
+        data, timestep_s = self.data, self.model.opt.timestep
+        targets = data.qpos[self.kinematic_qpos]
+        for root, motion in moving.items():
+            qpos, dof = self.kinematic_addresses[root]
+            data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = motion.pose, motion.velocity
+            data.qfrc_applied[dof : dof + 6] = self.model.dof_M0[dof : dof + 6] * motion.acceleration
+        try:
+            self._advance(count)
+            for root, motion in moving.items():
+                qpos, _ = self.kinematic_addresses[root]
+                self.motions[root] = motion._replace(
+                    pose=self.data.qpos[qpos : qpos + 7].copy(),
+                    velocity=motion.velocity + motion.acceleration * (count * timestep_s),
+                    steps=motion.steps - count,
+                )
+        finally:
+            self.data.qpos[self.kinematic_qpos] = targets
+            self.data.qvel[self.kinematic_dofs] = self.data.qfrc_applied[self.kinematic_dofs] = 0.0
+
+    def _advance(self, count: int) -> None:
         if self.before is None:
             self.before = new_data(self.model)
         mujoco.mj_copyData(self.before, self.model, self.data)
@@ -212,7 +317,7 @@ class CompiledModel:
         data = self.data
         data.time = state.time_s
         data.qpos[:], data.qvel[:] = state.qpos, state.qvel
-        data.mocap_pos[:], data.mocap_quat[:] = state.mocap_pos, state.mocap_quat
+        self.motions.clear()
         data.tree_asleep[:] = _FULLY_AWAKE
         self.poses_outdated = False
         if _UPDATE_SLEEP is not None:
@@ -225,9 +330,7 @@ class CompiledModel:
     def state(self) -> CompiledState:
         """A copy of the state."""
         data = self.data
-        return CompiledState(
-            data.qpos.copy(), data.qvel.copy(), data.mocap_pos.copy(), data.mocap_quat.copy(), float(data.time)
-        )
+        return CompiledState(data.qpos.copy(), data.qvel.copy(), float(data.time))
 
     def update_poses(self) -> None:
         """Computes the poses of bodies and geoms in `data` if time has advanced."""
@@ -260,6 +363,8 @@ def _update_sleep() -> Callable[[int, int], object] | None:
 
 
 _UPDATE_SLEEP = _update_sleep()
+_TOLERANCE = 1e-8
+"""MuJoCo's default."""
 _FULLY_AWAKE = -(1 + mujoco.mjMINAWAKE)
 """MuJoCo increments this value in every step in which a tree does not move; at 0 the tree sleeps."""
 
@@ -286,6 +391,12 @@ def transfer_state(
         commands: the commands of actuators; an actuator without one gets its position.
     """
     data = new.data
+    if old is not None:
+        new.motions = {
+            root: motion
+            for root, motion in old.motions.items()
+            if root in new.kinematic_addresses and root in old.body_ids and root not in at_rest
+        }
     for root, (_, velocity) in new.free_joint_addresses.items():
         if old is not None and root in old.body_ids and root not in at_rest:  # scenery has no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, root)
@@ -521,6 +632,13 @@ def _update_mass_constants(compiled: CompiledModel, factors: Mapping[BodyId, flo
             needs_mujoco = True
     if needs_mujoco:
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def set_tolerance(model: Any, kinematic_dofs: NDArray[np.intp]) -> None:
+    """Sets the tolerance of the solver, which is relative to the mean inertia, as if kinematic bodies had none."""
+    inertia = np.delete(model.dof_M0, kinematic_dofs)
+    if kinematic_dofs.size and inertia.size:
+        model.opt.tolerance = _TOLERANCE * inertia.mean() / model.dof_M0.mean()
 
 
 class ContactPoints(NamedTuple):
