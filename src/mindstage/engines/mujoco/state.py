@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -27,6 +27,8 @@ from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
 __all__ = [
+    "STIFFENING",
+    "SUBSTEPS",
     "CompiledModel",
     "CompiledState",
     "ContactPoints",
@@ -110,6 +112,10 @@ class KinematicMotion(NamedTuple):
     """The mean velocity of the motion before."""
 
 
+SUBSTEPS, STIFFENING = 8, 40
+"""The number of parts of a time step in which a body may pass through another one, and the factor by which the time
+constants of contacts are then shorter, unless they bounce: to two parts, the least with which a contact is stable."""
+_CORNERS = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), axis=-1).reshape(8, 3)
 _FIRST_PERIOD_S, _MAX_PERIOD_S = 0.02, 0.1
 """The time of the first motion of a kinematic body, and the longest one [s]."""
 _MAX_SPEEDS = (5.0, 30.0)
@@ -165,6 +171,8 @@ class CompiledModel:
     """Those of their velocities in `qvel`, k x 6."""
     is_kinematic: NDArray[np.bool_] = field(init=False)
     """Whether each MuJoCo body is part of a kinematic group that can be moved."""
+    divided: tuple[Any, Any] | None = None
+    """A model, and the same with `SUBSTEPS` parts of its time step; None until a step needs it."""
     before: Any = field(init=False, default=None)
     """Data for the state before a step; None until a step needs it."""
 
@@ -213,25 +221,29 @@ class CompiledModel:
         qpos[:] = target
 
     @checked
-    def step(self, count: Count) -> None:
+    def step(self, count: Count, *, substeps: Count = 1) -> None:
         """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
 
         The result is the same as with an arena that was large from the beginning.
+
+        Args:
+            count: number of time steps.
+            substeps: the number of parts of each, 1 or `SUBSTEPS`; contacts are then as many times stiffer in time.
 
         Raises:
             EngineMemoryError: the arena would exceed its largest size; the state is that before a part of the steps.
             EngineError: MuJoCo failed; the state is that before a part of the steps.
         """
         if not self.kinematic_addresses:
-            self._advance(count)
+            self._advance(count, substeps)
             return
         while count:
             moving = {root: motion for root, motion in self.motions.items() if motion.steps}
             part = min(count, *(motion.steps for motion in moving.values())) if moving else count
-            self._step_with_motions(moving, part)
+            self._step_with_motions(moving, part, substeps)
             count -= part
 
-    def _step_with_motions(self, moving: Mapping[BodyId, KinematicMotion], count: int) -> None:
+    def _step_with_motions(self, moving: Mapping[BodyId, KinematicMotion], count: int, substeps: int) -> None:
         """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions."""
         data, timestep_s = self.data, self.model.opt.timestep
         targets = data.qpos[self.kinematic_qpos]
@@ -240,7 +252,7 @@ class CompiledModel:
             data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = motion.pose, motion.velocity
             data.qfrc_applied[dof : dof + 6] = self.model.dof_M0[dof : dof + 6] * motion.acceleration
         try:
-            self._advance(count)
+            self._advance(count, substeps)
             for root, motion in moving.items():
                 qpos, _ = self.kinematic_addresses[root]
                 self.motions[root] = motion._replace(
@@ -252,12 +264,15 @@ class CompiledModel:
             self.data.qpos[self.kinematic_qpos] = targets
             self.data.qvel[self.kinematic_dofs] = self.data.qfrc_applied[self.kinematic_dofs] = 0.0
 
-    def _advance(self, count: int) -> None:
+    def _advance(self, count: int, substeps: int) -> None:
         if self.before is None:
             self.before = new_data(self.model)
         mujoco.mj_copyData(self.before, self.model, self.data)
         try:
-            while not run_mujoco(mujoco.mj_step, self.model, self.data, nstep=count) or is_exhausted(self.data):
+            while (
+                not run_mujoco(mujoco.mj_step, self._divided(substeps), self.data, nstep=count * substeps)
+                or is_exhausted(self.data)
+            ):
                 larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
                 self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
                 self.model = larger
@@ -265,6 +280,45 @@ class CompiledModel:
             mujoco.mj_copyData(self.data, self.model, self.before)
             raise
         self.poses_outdated = True
+
+    def _divided(self, substeps: int) -> Any:
+        """The model with a shorter time step and contacts with as much shorter time constants."""
+        if substeps == 1:
+            return self.model
+        if self.divided is None or self.divided[0] is not self.model:
+            divided = copy.copy(self.model)
+            divided.opt.timestep /= substeps
+            divided.geom_solref[:, 0] /= np.where(divided.geom_solref[:, 1] < 1.0, substeps, STIFFENING)
+            self.divided = self.model, divided
+        return self.divided[1]
+
+    def is_falling(self, root: BodyId) -> bool:
+        """Whether nothing carried a loose body in the last step."""
+        dof = self.free_joint_addresses[root][1]
+        return bool(self.data.qacc[dof + 2] < self.model.opt.gravity[2] / 2)
+
+    def obstacles(self, root: BodyId, velocity: Array, *, within_m: float) -> Iterator[tuple[float, float]]:
+        """What a loose body will hit if it moves on: distance and thickness [m]; planes, which stop all, are left out.
+
+        Args:
+            root: the root of the body.
+            velocity: its velocity [m/s].
+            within_m: the largest distance [m].
+        """
+        model, data = self.model, self.data
+        tree, found = model.body_rootid, np.full(1, -1, dtype=np.int32)
+        body_id, direction = self.body_ids[root], velocity / np.linalg.norm(velocity)
+        geoms = np.flatnonzero(tree[model.geom_bodyid] == body_id)
+        for geom in geoms.tolist():
+            center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            points = np.concatenate([center[None], center + 0.9 * half * _CORNERS])
+            for point in points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]:
+                distance_m = mujoco.mj_ray(model, data, point, direction, None, 1, body_id, found)
+                other = int(found[0])
+                if other < 0 or distance_m > within_m or tree[model.geom_bodyid[other]] == body_id:
+                    continue
+                if model.geom_contype[other] and model.geom_type[other] != int(mujoco.mjtGeom.mjGEOM_PLANE):
+                    yield distance_m, 2 * float(model.geom_aabb[other, 3:].min())
 
     def forward(self) -> None:
         """Computes all that depends on the state, such as contacts; the arena grows if it is exhausted.
@@ -279,7 +333,10 @@ class CompiledModel:
 
     def __getstate__(self) -> tuple[None, dict[str, object]]:
         """The state to pickle, without the data that are allocated again when they are needed."""
-        return None, {each.name: getattr(self, each.name) for each in fields(self)} | {"before": None}
+        return None, {each.name: getattr(self, each.name) for each in fields(self)} | {
+            "before": None,
+            "divided": None,
+        }
 
     def __setstate__(self, state: object) -> None:
         """Restores a pickled model, whose data lack MuJoCo's lists of awake bodies."""
