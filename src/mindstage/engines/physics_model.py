@@ -287,8 +287,8 @@ class PhysicsModelBuilder:
         """Roots of the rigid groups that no joint connects with a fixed group: they fall unless supported."""
         forest = self.forest
         if self._loose_roots is None:
-            units = forest.units()
-            self._loose_roots = frozenset(root for root, unit in units.items() if forest.groups[unit].is_dynamic)
+            trees = forest.tree_roots()
+            self._loose_roots = frozenset(root for root, tree in trees.items() if forest.groups[tree].is_dynamic)
         return self._loose_roots
 
     def is_loose(self, id: BodyId) -> bool:
@@ -340,8 +340,8 @@ class PhysicsModelBuilder:
     def connected_bodies(self, id: BodyId) -> list[BodyId]:
         """A body and all bodies that attachments and joints connect with it."""
         forest = self.forest
-        units, unit = forest.units(), forest.unit_of(forest.root_of[id])
-        return [body for root in units if units[root] == unit for body in forest.groups[root].bodies]
+        trees, tree = forest.tree_roots(), forest.tree_root_of(forest.root_of[id])
+        return [body for root in trees if trees[root] == tree for body in forest.groups[root].bodies]
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -659,7 +659,7 @@ class PhysicsModelBuilder:
             overlap_boxes=self.mass_properties.overlap_boxes(ids, poses),
             collision_shapes=self.mass_properties.collision_shape_batch(ids, poses),
             has_geometry=self.mass_properties.has_geometry_mask(ids),
-            unit=self._unit_numbers(ids) if settles else None,
+            tree=self._tree_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
             could_collide_before=lambda a, b: (
                 previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.given_excluded_pairs
@@ -672,7 +672,7 @@ class PhysicsModelBuilder:
         """Rows of the bodies on which the decisions about a few new bodies depend, in order; None for all.
 
         They are the bodies whose bounds meet those of a new one, their groups, what the hollow ones of them contain,
-        and the groups that joints connect to them: the fronts of a cabinet.
+        and the groups that joints connect to them: the doors and drawers of a cabinet.
         """
         ids, forest = self.registry.ids, self.forest
         if not 0 < len(new_ids) <= _MAX_LOCAL_BODIES or len(ids) <= _MAX_LOCAL_BODIES:
@@ -699,11 +699,11 @@ class PhysicsModelBuilder:
         found.update(*(forest.groups[root].bodies for root in roots))
         return [row for row, id in enumerate(ids) if id in found]
 
-    def _unit_numbers(self, ids: Iterable[BodyId]) -> NDArray[np.intp]:
+    def _tree_numbers(self, ids: Iterable[BodyId]) -> NDArray[np.intp]:
         """For each body, a number of the tree of its group."""
         forest, numbers = self.forest, dict[BodyId, int]()
-        units = (forest.unit_of(forest.root_of[id]) for id in ids)
-        return np.array([numbers.setdefault(unit, len(numbers)) for unit in units], dtype=np.intp)
+        trees = (forest.tree_root_of(forest.root_of[id]) for id in ids)
+        return np.array([numbers.setdefault(tree, len(numbers)) for tree in trees], dtype=np.intp)
 
     # -- rest --------------------------------------------------------------------------------------------------------
 
@@ -719,7 +719,7 @@ class PhysicsModelBuilder:
             SettlingInput(
                 ids=ids,
                 shapes=CollisionShapeBatch.from_compiled(poses, compiled),
-                unit=self._unit_numbers(ids),
+                tree=self._tree_numbers(ids),
                 is_loose=np.array([self.is_loose(id) for id in ids], dtype=bool),
                 is_new=np.array([id in new_ids for id in ids], dtype=bool),
                 is_ignored=np.array([id in self.collision_filter.non_colliding for id in ids], dtype=bool),
@@ -860,7 +860,7 @@ class PhysicsModelBuilder:
         return [row for row, alone in zip(loose.tolist(), is_unsupported.tolist(), strict=True) if alone]
 
     def _unsupported_rows(self, poses: Array, is_loose: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """The loose bodies of units that have nothing fixed below them."""
+        """The loose bodies of trees that have nothing fixed below them."""
         ids, forest = self.registry.ids, self.forest
         loose = np.flatnonzero(is_loose)
         if not len(loose):
@@ -870,10 +870,10 @@ class PhysicsModelBuilder:
         compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
         supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
         is_unsupported = find_unsupported(poses[loose, :3], supports)
-        units = forest.units()
-        unit_of = [units[forest.root_of[ids[row]]] for row in loose.tolist()]
-        supported = {unit for unit, alone in zip(unit_of, is_unsupported.tolist(), strict=True) if not alone}
-        return loose[[unit not in supported for unit in unit_of]]
+        trees = forest.tree_roots()
+        tree_of = [trees[forest.root_of[ids[row]]] for row in loose.tolist()]
+        supported = {tree for tree, alone in zip(tree_of, is_unsupported.tolist(), strict=True) if not alone}
+        return loose[[tree not in supported for tree in tree_of]]
 
 
 def _ground_note(ids: Sequence[BodyId], height_m: float) -> SpawnNote:
