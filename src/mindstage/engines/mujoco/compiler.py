@@ -446,13 +446,14 @@ _ROUND_GEOMS = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID, m
 
 
 def _set_rolling_friction(compiled: CompiledModel) -> None:
-    """Gives rolling friction to the contacts of loose balls and cylinders, with geoms of a higher priority, too."""
+    """Gives rolling friction to contacts of loose balls and cylinders, also with fixed bodies of a higher priority."""
     model = compiled.model
     loose_roots = [compiled.body_ids[root] for root in compiled.free_joint_addresses]
     is_loose = np.isin(model.body_rootid[model.geom_bodyid], loose_roots) & (model.geom_contype != 0)
     rolls = is_loose & np.isin(model.geom_type, [int(each) for each in _ROUND_GEOMS])
     if rolls.any():
-        model.geom_condim[rolls | (model.geom_priority > model.geom_priority[rolls].min())] = _ROLLING_CONDIM
+        carries = ~is_loose & (model.geom_priority > model.geom_priority[rolls].min())
+        model.geom_condim[rolls | carries] = _ROLLING_CONDIM
 
 
 def _driven_roots(model_input: ModelInput) -> set[BodyId]:

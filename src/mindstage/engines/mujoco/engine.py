@@ -301,13 +301,20 @@ class ModelCache:
                 self._at_rest.update(fallen)
                 self.stale = True
 
-    def choose_substeps(self, compiled: CompiledModel) -> None:
-        """Divides the next `_MAX_UNCHECKED_STEPS` time steps if a body will hit something that it may pass through."""
+    def step(self, compiled: CompiledModel, count: int, *, has_forces: bool) -> None:
+        """Advances time by some steps, at most until bodies are checked again.
+
+        These steps are divided if at their begin a body will hit something that it may pass through.
+        """
+        if not self.unchecked_steps or has_forces:
+            self._choose_substeps(compiled)
+        compiled.step(count, substeps=self.substeps)
+        self.unchecked_steps = (self.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
+
+    def _choose_substeps(self, compiled: CompiledModel) -> None:
         self.substeps = 1
-        if not compiled.free_joint_addresses:
-            return
         velocities = compiled.data.qvel[compiled.free_velocities]
-        if np.abs(velocities).max() > _MIN_FAST_SPEED:
+        if np.abs(velocities).max(initial=0.0) > _MIN_FAST_SPEED:
             compiled.update_poses()
             roots = list(compiled.free_joint_addresses)
             for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > _MIN_FAST_SPEED).tolist():
@@ -318,7 +325,7 @@ class ModelCache:
 
         A contact of MuJoCo is a spring with a time constant, not a hard surface: the body moves on for
         `_CONTACT_DURATION_S`, and if it is then in the middle of a thin obstacle, it is pushed out on the other side.
-        Shorter time steps allow for stiffer springs. The obstacles are found by rays from the body's corners and center.
+        Shorter time steps allow for stiffer springs. Obstacles are found by rays from the body's corners and center.
         """
         duration_s, falls = _MAX_UNCHECKED_STEPS * self._timestep_s, compiled.is_falling(id)
         mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
@@ -603,13 +610,10 @@ class MujocoEngine(EditingEngine):
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
-            if not cache.unchecked_steps or self._forces:
-                cache.choose_substeps(compiled)
-            compiled.step(count, substeps=cache.substeps)
+            cache.step(compiled, count, has_forces=bool(self._forces))
             now_s = time.monotonic()
             self._step_wall_s = (now_s - began_s) / count
             remaining -= count
-            cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
             if remaining and not cache.unchecked_steps:
                 cache.check_free_bodies()
                 if cache.stale and wall_s < float("inf"):

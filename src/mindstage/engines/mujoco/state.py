@@ -118,6 +118,8 @@ constants of contacts are then shorter, unless they bounce: to two parts, the le
 _CORNERS = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), axis=-1).reshape(8, 3)
 _FIRST_PERIOD_S, _MAX_PERIOD_S = 0.02, 0.1
 """The time of the first motion of a kinematic body, and the longest one [s]."""
+_CORRECTION_STEPS = 50
+"""Number of time steps after which kinematic bodies at rest are put back where they belong."""
 _MAX_SPEEDS = (5.0, 30.0)
 """Largest speeds of a kinematic body that moves to a pose [m/s, rad/s]."""
 _MAX_ACCELERATIONS = (20.0, 200.0)
@@ -160,6 +162,11 @@ class CompiledModel:
     """Whether time has advanced since the poses in `data` were computed: `mj_step` computes those before its step."""
     motions: dict[BodyId, KinematicMotion] = field(default_factory=dict)
     """The last motion of each kinematic group."""
+    kinematic_state: tuple[Array, Array] | None = None
+    """Where kinematic groups are for the physics, k x 7, and their velocities, k x 6, as contacts have changed them by
+    less than a micrometer since the last correction; None for the poses that were set, at rest."""
+    kinematic_rows: dict[BodyId, int] = field(init=False)
+    """The row of each kinematic group in these."""
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
@@ -180,6 +187,7 @@ class CompiledModel:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.free_heights = addresses[:, 0] + 2
         self.free_velocities = addresses[:, 1:] + np.arange(3)
+        self.kinematic_rows = {root: row for row, root in enumerate(self.kinematic_addresses)}
         addresses = np.array(list(self.kinematic_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.kinematic_qpos, self.kinematic_dofs = addresses[:, :1] + np.arange(7), addresses[:, 1:] + np.arange(6)
         kinematic = [self.body_ids[root] for root in self.kinematic_addresses]
@@ -218,6 +226,10 @@ class CompiledModel:
             acceleration = np.zeros(6)
         velocity = mean - acceleration * (duration_s + timestep_s) / 2  # MuJoCo changes the velocity, then the pose
         self.motions[root] = KinematicMotion(now_s, steps, start, velocity, acceleration, mean, before)
+        if self.kinematic_state is not None:
+            poses, velocities = (each.copy() for each in self.kinematic_state)
+            poses[self.kinematic_rows[root]], velocities[self.kinematic_rows[root]] = target, 0.0
+            self.kinematic_state = poses, velocities
         qpos[:] = target
 
     @checked
@@ -239,40 +251,51 @@ class CompiledModel:
             return
         while count:
             moving = {root: motion for root, motion in self.motions.items() if motion.steps}
-            part = min(count, *(motion.steps for motion in moving.values())) if moving else count
+            part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
             self._step_with_motions(moving, part, substeps)
             count -= part
 
+    def _steps_to_correction(self) -> int:
+        """The time steps until kinematic bodies at rest are put back where they belong: a function of the time."""
+        return _CORRECTION_STEPS - round(float(self.data.time / self.model.opt.timestep)) % _CORRECTION_STEPS
+
     def _step_with_motions(self, moving: Mapping[BodyId, KinematicMotion], count: int, substeps: int) -> None:
-        """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions."""
-        data, timestep_s = self.data, self.model.opt.timestep
+        """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions.
+
+        However the steps are divided among calls, the result is the same: nothing is rounded between two of them.
+        """
+        data, dofs, is_corrected = self.data, self.kinematic_dofs, count == self._steps_to_correction()
         targets = data.qpos[self.kinematic_qpos]
+        poses, velocities = (targets, np.zeros(dofs.shape)) if self.kinematic_state is None else self.kinematic_state
+        poses, velocities, forces = poses.copy(), velocities.copy(), np.zeros(dofs.shape)
         for root, motion in moving.items():
-            qpos, dof = self.kinematic_addresses[root]
-            data.qpos[qpos : qpos + 7], data.qvel[dof : dof + 6] = motion.pose, motion.velocity
-            data.qfrc_applied[dof : dof + 6] = self.model.dof_M0[dof : dof + 6] * motion.acceleration
+            row = self.kinematic_rows[root]
+            poses[row], velocities[row] = motion.pose, motion.velocity
+            forces[row] = self.model.dof_M0[dofs[row]] * motion.acceleration
+        data.qpos[self.kinematic_qpos], data.qvel[dofs], data.qfrc_applied[dofs] = poses, velocities, forces
         try:
             self._advance(count, substeps)
+            poses, velocities = self.data.qpos[self.kinematic_qpos], self.data.qvel[dofs]
+            is_there = np.full(len(dofs), is_corrected)
             for root, motion in moving.items():
-                qpos, _ = self.kinematic_addresses[root]
-                self.motions[root] = motion._replace(
-                    pose=self.data.qpos[qpos : qpos + 7].copy(),
-                    velocity=motion.velocity + motion.acceleration * (count * timestep_s),
-                    steps=motion.steps - count,
-                )
+                row = self.kinematic_rows[root]
+                pose, velocity = poses[row].copy(), velocities[row].copy()
+                self.motions[root] = motion._replace(pose=pose, velocity=velocity, steps=motion.steps - count)
+                is_there[row] = motion.steps == count
+            poses[is_there], velocities[is_there] = targets[is_there], 0.0
+            self.kinematic_state = poses, velocities
         finally:
             self.data.qpos[self.kinematic_qpos] = targets
-            self.data.qvel[self.kinematic_dofs] = self.data.qfrc_applied[self.kinematic_dofs] = 0.0
+            self.data.qvel[dofs] = self.data.qfrc_applied[dofs] = 0.0
 
     def _advance(self, count: int, substeps: int) -> None:
         if self.before is None:
             self.before = new_data(self.model)
         mujoco.mj_copyData(self.before, self.model, self.data)
         try:
-            while (
-                not run_mujoco(mujoco.mj_step, self._divided(substeps), self.data, nstep=count * substeps)
-                or is_exhausted(self.data)
-            ):
+            while not run_mujoco(
+                mujoco.mj_step, self._divided(substeps), self.data, nstep=count * substeps
+            ) or is_exhausted(self.data):
                 larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
                 self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
                 self.model = larger
@@ -374,7 +397,7 @@ class CompiledModel:
         data = self.data
         data.time = state.time_s
         data.qpos[:], data.qvel[:] = state.qpos, state.qvel
-        self.motions.clear()
+        self.motions, self.kinematic_state = {}, None
         data.tree_asleep[:] = _FULLY_AWAKE
         self.poses_outdated = False
         if _UPDATE_SLEEP is not None:
