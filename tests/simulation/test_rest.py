@@ -219,7 +219,7 @@ def test_a_map_without_a_floor_gets_a_ground_unless_it_is_refused(load_map: Load
     knowledge, simulation = load_map(*chairs)
     report = simulation.spawn(check_rest=True)
     assert notes_of(report, SpawnNoteKind.GROUND) == [
-        "nothing is below 2 loose bodies: a ground is added at a height of 0.000 m"
+        "nothing is below 2 loose bodies: a ground is assumed at a height of 0.000 m"
     ]
     assert not report.moved
     assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)

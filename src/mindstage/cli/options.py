@@ -477,7 +477,7 @@ PrimitiveShapes = Annotated[
 
 Ground = Annotated[
     bool,
-    typer.Option("--ground/--no-ground", help="Add a ground plane where the map has nothing below loose bodies."),
+    typer.Option("--ground/--no-ground", help="Assume a ground where the map has nothing below loose bodies."),
 ]
 
 EpisodeFiles = Annotated[

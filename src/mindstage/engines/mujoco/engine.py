@@ -722,6 +722,11 @@ class MujocoEngine(EditingEngine):
         self._closed = True
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """See `AssumingEngine`."""
+        return self._require_open().builder.assumptions
+
+    @property
     def notes(self) -> tuple[SpawnNote, ...]:
         """Notes on decisions caused by edits, and warnings of MuJoCo; those of a spawn are in its report."""
         return tuple(self._require_open().late_notes)
