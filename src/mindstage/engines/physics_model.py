@@ -309,7 +309,11 @@ class PhysicsModelBuilder:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """See `AssumingEngine`."""
-        return () if self.ground is None else (self.ground.assumption,)
+        pairs = (
+            f"{a} and {b} began inside each other: they do not collide until they are 1 mm apart"
+            for a, b in sorted(self.collision_filter.temporary_pairs)
+        )
+        return (*(() if self.ground is None else (self.ground.assumption,)), *pairs)
 
     @property
     def geometry(self) -> GeometryMap:
@@ -402,6 +406,7 @@ class PhysicsModelBuilder:
         notes = [*outward_notes, *self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
+        excluded = set(self.collision_filter.excluded_pairs)
         collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=edit.settle)
         notes += collision_notes
         moved = self._settle(loose, set(added.bodies), poses, notes) if loose.pairs else {}
@@ -410,6 +415,7 @@ class PhysicsModelBuilder:
         for id, pose in moved.items():
             poses[rows[id]] = pose
         notes += self._fix_non_colliding(added.bodies)
+        self._mark_temporary(self.collision_filter.excluded_pairs - excluded, set(added.bodies))
         is_single = not (added.joints or added.attachments or moved)
         place_notes = self._update_place_near(added.bodies, poses, has_ground=edit.ground) if is_single else None
         if place_notes is None:
@@ -458,6 +464,7 @@ class PhysicsModelBuilder:
             joint_frames={id: (pose_row(a), pose_row(b)) for id, (a, b) in self.joint_frames.items() if id in joints},
             simulated_joints={id: each for id, each in self.simulated_joints.items() if id in joints},
             excluded_pairs=frozenset(pair for pair in filtered.excluded_pairs if not kept.isdisjoint(pair)),
+            temporary_pairs=frozenset(pair for pair in filtered.temporary_pairs if not kept.isdisjoint(pair)),
             given_excluded_pairs=frozenset(pair for pair in self.given_excluded_pairs if not kept.isdisjoint(pair)),
             non_colliding=frozenset(filtered.non_colliding & kept),
             wall_panels={id: panels for id, panels in filtered.wall_panels.items() if id in kept},
@@ -716,6 +723,27 @@ class PhysicsModelBuilder:
         forest, numbers = self.forest, dict[BodyId, int]()
         units = (forest.unit_of(forest.root_of[id]) for id in ids)
         return np.array([numbers.setdefault(unit, len(numbers)) for unit in units], dtype=np.intp)
+
+    def _mark_temporary(self, pairs: Iterable[tuple[BodyId, BodyId]], new_ids: Collection[BodyId]) -> None:
+        """Excluded pairs that collide again once they were apart: bodies that were added to others, and loose ones.
+
+        Parts that one world describes as overlapping, such as a drawer and its casing, have to return to each other.
+        """
+        root_of, jointed = self.forest.root_of, self._collision_state.jointed_roots
+        for a, b in pairs:
+            is_added_to = (a in new_ids) is not (b in new_ids)
+            is_part = sorted_pair(root_of[a], root_of[b]) in jointed or (a, b) in self.given_excluded_pairs
+            if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):
+                self.collision_filter.temporary_pairs.add((a, b))
+
+    def include_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> None:
+        """Lets pairs collide again that were apart; appends to `late_notes`."""
+        self.collision_filter.excluded_pairs -= set(pairs)
+        self.collision_filter.temporary_pairs -= set(pairs)
+        self.late_notes += [
+            SpawnNote(SpawnNoteKind.OVERLAP, (a, b), f"{a} and {b} are apart: they collide from now on")
+            for a, b in sorted(pairs)
+        ]
 
     # -- rest --------------------------------------------------------------------------------------------------------
 

@@ -284,8 +284,19 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
 
+    def include_separated_pairs(self) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now."""
+        compiled, pairs = self._compiled, self.builder.collision_filter.temporary_pairs
+        if not pairs or self.stale or compiled is None:
+            return
+        compiled.update_poses()
+        if apart := {pair for pair in pairs if compiled.are_apart(*pair, _APART_M)}:
+            self.builder.include_pairs(apart)
+            compiled.include_pairs(apart)
+
     def check_free_bodies(self) -> None:
         """Makes bodies static that fell far below the place, and reports those that may pass through thin ones."""
+        self.include_separated_pairs()
         compiled = self._compiled
         if compiled is None or not compiled.free_joint_addresses:
             return
@@ -434,7 +445,9 @@ _CONTACT_DURATION_S = 0.007
 """How long a body moves on after a contact began, measured for cubes of 2 to 30 cm that fall on plates [s]."""
 _GRAVITY_M_S2 = 9.81
 _MAX_UNCHECKED_STEPS = 50
-"""Number of time steps after which falling bodies are checked."""
+"""Number of time steps after which falling bodies and pairs that overlapped are checked."""
+_APART_M = 0.001
+"""Pairs that overlapped collide again once they were so far apart [m]."""
 _MAX_BEYOND_LIMIT = 0.05
 """Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-12
@@ -559,6 +572,7 @@ class MujocoEngine(EditingEngine):
         if cache.stale or not self._move_in_place(cache, id, target, tolerance):
             cache.move(id, target)
         cache.registry.move(id, pose)
+        cache.include_separated_pairs()
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._require_open().registry.highlight(ids, color)
