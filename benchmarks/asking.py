@@ -36,7 +36,7 @@ THINGS = (
 QUESTIONS: Sequence[Callable[[str, str], tuple[str, dict[str, str]]]] = (
     lambda thing, _: ("where_is", {"thing": thing}),
     lambda _, __: ("storage_place_in_environment", {"item": "CowsMilk"}),
-    lambda _, __: ("openings", {}),
+    lambda _, __: ("articulated_parts", {}),
     lambda thing, other: ("path", {"start": thing, "goal": other}),
     lambda _, __: ("where_is", {}),
     lambda thing, _: ("nearest", {"thing": thing}),

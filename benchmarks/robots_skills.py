@@ -1,9 +1,9 @@
 """Skills of a robot in the bundled kitchen: the doors and drawers it opens and closes, and how often it puts milk away.
 
-    python -m benchmarks.robots_skills [--robot mobile_manipulator] [--seeds 10] [--fronts fridge_door …]
+    python -m benchmarks.robots_skills [--robot mobile_manipulator] [--seeds 10] [--parts fridge_door …]
 
-Prints one line for each front and seed, with the deepest penetration of two bodies on the way; then the table of the
-fronts as Markdown, and the counts. `--first-seed 4 --seeds 3` and `--fronts` measure a part.
+Prints one line for each part and seed, with the deepest penetration of two bodies on the way; then the table of the
+parts as Markdown, and the counts. `--first-seed 4 --seeds 3` and `--parts` measure a part.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _START = (0.9, 0.6, 0.0)
 _DEADLINE_S = 240.0
 _REACH_M = 0.7
 _OPEN, _CLOSED = 0.95, 0.05
-"""The openness from which on a front counts as open, and below which it counts as closed."""
+"""The openness from which on a part counts as open, and below which it counts as closed."""
 _DEEP_M, _FAST = 0.005, 1.05
 _SUPPORTS = ("counter_left", "table", "counter_west", "counter_right", "dresser")
 
@@ -103,9 +103,9 @@ def _line(what: str, result: SkillResult, watch: _Watch, wall_s: float) -> None:
 
 
 class _Row(NamedTuple):
-    """The result of opening and closing one front."""
+    """The result of opening and closing one part."""
 
-    front: str
+    part: str
     opened: float
     """Openness after it was opened."""
     closed: float | None
@@ -118,15 +118,15 @@ class _Row(NamedTuple):
     def markdown(self) -> str:
         """A row of the table."""
         closed = "" if self.closed is None else f"{self.closed:.0%}"
-        return f"| `{self.front}` | {self.opened:.0%} | {closed} | {self.depth_m * 1000:.1f} | {self.why} |"
+        return f"| `{self.part}` | {self.opened:.0%} | {closed} | {self.depth_m * 1000:.1f} | {self.why} |"
 
 
-def open_and_close(sim: Simulation, robot: Robot, fronts: list[str], *, closes: bool) -> None:
-    """Opens and closes each front, from the same state; says of those that stay closed whether they are reachable."""
-    names = fronts or [row.front.rpartition("#")[2] for row in sim.ask("openings")]
-    rows = [_open_and_close_one(sim, robot, front, closes=closes) for front in names]
+def open_and_close(sim: Simulation, robot: Robot, parts: list[str], *, closes: bool) -> None:
+    """Opens and closes each part, from the same state; says of those that stay closed whether they are reachable."""
+    names = parts or [row.part.rpartition("#")[2] for row in sim.ask("articulated_parts")]
+    rows = [_open_and_close_one(sim, robot, part, closes=closes) for part in names]
     sim.reset()
-    print("| front | opened | closed | penetration [mm] | why not |\n|---|---|---|---|---|")
+    print("| part | opened | closed | penetration [mm] | why not |\n|---|---|---|---|---|")
     for row in rows:
         print(row.markdown())
     opened = sum(row.opened >= _OPEN for row in rows)
@@ -136,23 +136,23 @@ def open_and_close(sim: Simulation, robot: Robot, fronts: list[str], *, closes: 
     print(f"deepest penetration {deepest * 1000:.1f} mm", flush=True)
 
 
-def _open_and_close_one(sim: Simulation, robot: Robot, front: str, *, closes: bool) -> _Row:
+def _open_and_close_one(sim: Simulation, robot: Robot, part: str, *, closes: bool) -> _Row:
     sim.reset()
-    result, watch, wall_s = _perform(robot, "open", {"thing": front})
-    _line(f"open {front}", result, watch, wall_s)
-    opened, depth_m = sim.joint(front).openness, watch.depth_m
+    result, watch, wall_s = _perform(robot, "open", {"thing": part})
+    _line(f"open {part}", result, watch, wall_s)
+    opened, depth_m = sim.joint(part).openness, watch.depth_m
     if opened < _OPEN:
         sim.reset()
-        reach = can_open(robot, front)
+        reach = can_open(robot, part)
         if not reach:
-            return _Row(front, opened, None, depth_m, f"{max(0.0, reach.openness):.0%} in reach: {reach.reason}")
+            return _Row(part, opened, None, depth_m, f"{max(0.0, reach.openness):.0%} in reach: {reach.reason}")
         stances = " and ".join(f"({x:.2f}, {y:.2f}, {yaw:.2f})" for x, y, yaw in (each.base for each in reach.steps))
-        return _Row(front, opened, None, depth_m, f"in reach from {stances}, but {result.reason}")
+        return _Row(part, opened, None, depth_m, f"in reach from {stances}, but {result.reason}")
     if not closes:
-        return _Row(front, opened, None, depth_m, "")
-    result, watch, wall_s = _perform(robot, "close", {"thing": front})
-    _line(f"close {front}", result, watch, wall_s)
-    return _Row(front, opened, sim.joint(front).openness, max(depth_m, watch.depth_m), result.reason)
+        return _Row(part, opened, None, depth_m, "")
+    result, watch, wall_s = _perform(robot, "close", {"thing": part})
+    _line(f"close {part}", result, watch, wall_s)
+    return _Row(part, opened, sim.joint(part).openness, max(depth_m, watch.depth_m), result.reason)
 
 
 def put_milk_away(sim: Simulation, robot: Robot, seeds: Sequence[int]) -> None:
@@ -199,15 +199,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10, help="number of places of the milk")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--open-only", action="store_true", help="do not close what was opened")
-    parser.add_argument("--fronts", nargs="*", help="these fronts only; none without names")
+    parser.add_argument("--parts", nargs="*", help="these parts only; none without names")
     options = parser.parse_args()
     with ms.open("bundled:kitchen") as sim:
         robot = add_robot(sim, options.robot, Pose((_START[0], _START[1], 0.0)))
         sim.step(0.5)
         if options.seeds:
             put_milk_away(sim, robot, range(options.first_seed, options.first_seed + options.seeds))
-        if options.fronts is None or options.fronts:
-            open_and_close(sim, robot, options.fronts or [], closes=not options.open_only)
+        if options.parts is None or options.parts:
+            open_and_close(sim, robot, options.parts or [], closes=not options.open_only)
 
 
 if __name__ == "__main__":

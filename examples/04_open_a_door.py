@@ -9,8 +9,8 @@ with ms.open("bundled:kitchen") as sim:
     print(door)
     if door.open():
         print(f"open by {abs(math.degrees(door.position)):.0f} degrees, {door.openness:.0%} of its range")
-    for answer in sim.ask("openings", thing="fridge"):
-        print("the question `openings` returns:", answer.state)
+    for answer in sim.ask("articulated_parts", thing="fridge"):
+        print("the question `articulated_parts` returns:", answer.state)
     door.open(0.5)
     print(f"half open: {door.openness:.0%}")
     print("closed again:", bool(door.close()))

@@ -16,5 +16,5 @@ with ms.open("bundled:kitchen") as sim:
     for step in result.steps:
         print("  " * step.depth, step.text)
     print(f"open drawer_left_2: {result.outcome} after {result.duration_s:.0f} s")
-    (drawer,) = sim.ask("openings", front="drawer_left_2")
+    (drawer,) = sim.ask("articulated_parts", part="drawer_left_2")
     print("drawer_left_2 is", drawer.state)

@@ -167,7 +167,7 @@ def test_the_reward_is_that_of_the_answers(open_env: OpenEnv) -> None:
     open_env.step(still)
     open_env.simulation.joint("DrawerSlide").open(0.5)
     _, half, terminated, _, info = open_env.step(still)
-    (row,) = open_env.simulation.ask("openings", front="Drawer")
+    (row,) = open_env.simulation.ask("articulated_parts", part="Drawer")
     assert info["progress"] == pytest.approx(row.share / 0.8, abs=0.02)
     assert half > 4.0
     assert not terminated

@@ -5,9 +5,9 @@
     id = "mindstage:mindstage/Open-v0"  # Gymnasium imports the module before the colon
     env = gymnasium.make(id, map="bundled:kitchen", robot="mobile_manipulator", thing="fridge_door")
 
-Rewards are computed from the answers to declared questions about the current state, such as `openings` and `where_is`,
-and nothing else of the simulation: the same questions can be asked about a real place. Each episode begins in the same
-state, except that the robot stands elsewhere, near what it has to handle.
+Rewards are computed from the answers to declared questions about the current state, such as `articulated_parts` and
+`where_is`, and nothing else of the simulation: the same questions can be asked about a real place. Each episode begins
+in the same state, except that the robot stands elsewhere, near what it has to handle.
 """
 
 from __future__ import annotations
@@ -482,9 +482,9 @@ class OpenEnv(RobotTaskEnv):
         """The closed doors and drawers with a handle that is not too high."""
         self._handles: dict[BodyId, BodyId] = {}
         self._holders: dict[BodyId, BodyId] = {}
-        for row in self._ask("openings", state="closed"):
-            for found in self._ask("handle_of", individual=row.front):
-                front, handle = self._body(row.front), self._body(found.handle)
+        for row in self._ask("articulated_parts", state="closed"):
+            for found in self._ask("handle_of", individual=row.part):
+                front, handle = self._body(row.part), self._body(found.handle)
                 if _LOWEST_M <= self._poses((handle,))[0][2] <= _HIGHEST_M and front not in self._handles:
                     self._handles[front], self._holders[front] = handle, self._body(row.thing)
                     yield front
@@ -499,8 +499,8 @@ class OpenEnv(RobotTaskEnv):
         return handle[:2] - holder[:2]
 
     def progress(self) -> TaskProgress:
-        """By `openings` and `distance`."""
-        (row,) = self._ask("openings", front=self.thing)[:1]
+        """By `articulated_parts` and `distance`."""
+        (row,) = self._ask("articulated_parts", part=self.thing)[:1]
         share = 0.0 if row.share is None else min(1.0, row.share / self._share)
         why = f"{self.thing} is {row.share or 0.0:.0%} open"
         return TaskProgress(share=share, gap_m=self._gap(self.goal(self.thing)), done=share >= 1.0, why=why)
@@ -519,11 +519,11 @@ class PickEnv(RobotTaskEnv):
 
     def _loose_things(self) -> Iterator[BodyId]:
         inside = {row.thing for row in self._ask("where_is", relation="inside")}
-        fronts = {self._body(row.front) for row in self._ask("openings")}
+        parts = {self._body(row.part) for row in self._ask("articulated_parts")}
         bodies = {body.id: body for body in self.simulation.snapshot().bodies}
         for row in self._ask("where_is", relation="on"):
             body = bodies[self._body(row.thing)]
-            if row.thing not in inside and body.id not in fronts and _is_graspable(body):
+            if row.thing not in inside and body.id not in parts and _is_graspable(body):
                 yield body.id
 
     def goal(self, thing: BodyId) -> BodyId:
@@ -606,10 +606,10 @@ class PutAwayEnv(PickEnv):
         self._places: dict[BodyId, BodyId] = {}
         rows = [(self._body(row.thing), self._body(row.other)) for row in self._ask("where_is", relation="on")]
         self._counter = BodyId(self._start_on) if self._start_on else _best_support(self.simulation, rows)
-        closable = {self._body(row.thing) for row in self._ask("openings")}
-        fronts = {self._body(row.front) for row in self._ask("openings")}
+        closable = {self._body(row.thing) for row in self._ask("articulated_parts")}
+        parts = {self._body(row.part) for row in self._ask("articulated_parts")}
         for body in bodies.values():
-            if body.id in fronts or not _is_graspable(body):
+            if body.id in parts or not _is_graspable(body):
                 continue
             found = [self._body(row.individual) for row in self._ask("storage_place_in_environment", item=body.cls)]
             for place in [place for place in found if place in closable][:1]:
@@ -622,11 +622,11 @@ class PutAwayEnv(PickEnv):
         return True
 
     def progress(self) -> TaskProgress:
-        """By `where_is`, `openings` and `distance`: inside its place, released, and everything closed."""
+        """By `where_is`, `articulated_parts` and `distance`: inside its place, released, and everything closed."""
         place, gap = self._places[self.thing], self._gap(self.thing)
         is_inside = bool(self._ask("where_is", thing=self.thing, relation="inside", other=place))
-        shares = [row.share or 0.0 for row in self._ask("openings", thing=place)]
-        is_open = bool(self._ask("openings", thing=place, state="open"))
+        shares = [row.share or 0.0 for row in self._ask("articulated_parts", thing=place)]
+        is_open = bool(self._ask("articulated_parts", thing=place, state="open"))
         if is_inside and not self._holds():
             share = 1.0 if not is_open else 0.9 - 0.2 * max(shares)
         elif is_inside:

@@ -120,6 +120,8 @@ class Extension(msgspec.Struct, frozen=True):
         except ExtensionError:
             raise
         except (Exception, SystemExit) as error:
+            if isinstance(error, SystemExit) and type(error) is not SystemExit:
+                raise  # SIGTERM during the import, see `mindstage.cli.termination`
             cause = f"{type(error).__name__}: {error}"
             raise ExtensionError(self.name, group=self.group.value, package=self.package, cause=cause) from error
 

@@ -76,7 +76,7 @@ def test_without_an_answer_the_missing_knowledge_is_printed(run: Run) -> None:
 
 
 def test_a_question_without_data_has_no_answer(run: Run) -> None:
-    result = run("ask", "openings")
+    result = run("ask", "articulated_parts")
     assert result.exit_code == 1
     assert result.stdout == "no answer\n"
 

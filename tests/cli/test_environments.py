@@ -264,7 +264,7 @@ def test_a_full_disk_is_named_and_leaves_the_old_file(verb: str, tmp_path: Path)
 
 @posix
 def test_sigterm_at_any_time_exits_with_143_and_leaves_nothing(tmp_path: Path) -> None:
-    command = [*MINDSTAGE, "log", "bundled:kitchen", "--for", "1e9", "-o", str(tmp_path / "out.owl")]
+    command = [*MINDSTAGE, "log", "bundled:kitchen", "--for", "3600", "-o", str(tmp_path / "out.owl")]
     for moment in range(12):
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
@@ -291,6 +291,20 @@ def test_sigterm_is_not_lost_where_its_exception_is_swallowed(tmp_path: Path, sw
     done = run("evaluate", tmp_path / "plan.yaml", "bundled:kitchen", environment={"PYTHONPATH": _with_path(tmp_path)})
     assert done.returncode == 143
     assert b"bug" not in done.stderr
+
+
+@posix
+def test_sigterm_while_a_plug_in_is_imported_is_no_problem_of_the_plug_in(tmp_path: Path) -> None:
+    (tmp_path / "ending.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\nfor _ in range(9): pass\n"
+    )
+    metadata = tmp_path / "ending-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: ending\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[mindstage.dialects]\nending = ending:dialect [read]\n")
+    done = run("check", "bundled:kitchen", environment={"PYTHONPATH": _with_path(tmp_path)})
+    assert done.returncode == 143
+    assert done.stderr == b""
 
 
 def _with_path(folder: Path) -> str:

@@ -60,7 +60,7 @@ def assert_same_as_with_all(start: World, added: list[World], options: Mapping[s
     assert local.forest.root_of == reference.root_of
     assert (
         local.loose_roots
-        == {root for root, unit in reference.units().items() if reference.groups[unit].is_dynamic}
+        == {root for root, tree in reference.tree_roots().items() if reference.groups[tree].is_dynamic}
         == whole.loose_roots
     )
     assert local.settled.keys() == whole.settled.keys()

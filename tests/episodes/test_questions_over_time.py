@@ -182,7 +182,7 @@ def test_the_questions_have_answers_to_compare_and_they_change(run: Run) -> None
         if not any(run.live[each.name, time_s] for time_s in TIMES_S)
     }
     assert empty <= {"in_room", "misplaced", "is_between", "can", "missing_for_action"}
-    for name in ("where_is", "pose_of", "openings", "distance"):
+    for name in ("where_is", "pose_of", "articulated_parts", "distance"):
         assert plain(run.live[name, 0.0]) != plain(run.live[name, 1.5]), name
 
 
@@ -247,7 +247,7 @@ def test_what_holds_at_a_time_is_what_where_is_answers_about_that_time(random_ru
     assert {
         (row.relation.value, row.a, row.b) for row in held if row.relation.value in set(SpatialRelation)
     } == expected
-    openness = {(row.state.value, row.thing, row.front) for row in kb.ask("openings", at=time_s)}
+    openness = {(row.state.value, row.thing, row.part) for row in kb.ask("articulated_parts", at=time_s)}
     assert {(row.relation.value, row.a, row.b) for row in held if row.relation.value in set(OpenState)} == openness
     attached = [row for row in held if row.relation is HeldRelation.ATTACHED and row.a.endswith("Mug")]
     assert bool(attached) == (2.0 <= time_s < 3.0)

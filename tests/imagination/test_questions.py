@@ -157,10 +157,10 @@ def test_a_thing_fits_where_there_is_room_now(sim: Simulation) -> None:
 
 def test_a_free_door_opens_to_its_limit_and_a_blocked_one_names_what_is_in_the_way(sim: Simulation) -> None:
     (drawer,) = sim.ask("can_open", "Drawer")
-    assert (drawer.front, drawer.unit, drawer.obstacles, drawer.probability) == (DRAWER, "m", (), 1.0)
+    assert (drawer.part, drawer.unit, drawer.obstacles, drawer.probability) == (DRAWER, "m", (), 1.0)
     assert drawer.way == pytest.approx(-0.45, abs=0.02) or drawer.way == pytest.approx(0.45, abs=0.02)
     (door,) = sim.ask("can_open", "Fridge")
-    assert (door.thing, door.front, door.unit) == (MAP + "Fridge", DOOR, "rad")
+    assert (door.thing, door.part, door.unit) == (MAP + "Fridge", DOOR, "rad")
     assert 0.02 < door.share < 0.95
     assert door.obstacles == (MAP + "Obstacle",)
     assert "Obstacle is in the way" in door.why
@@ -173,7 +173,7 @@ def test_a_thing_of_one_of_two_maps_is_opened_in_that_map(tmp_path: Path) -> Non
         (tmp_path / "small.owl").write_text(write_map(kitchenette()), encoding="utf-8")
         knowledge.load(tmp_path / "small.owl")
         (row,) = knowledge.ask("can_open", DRAWER)
-        assert (row.front, row.map) == (DRAWER, MAP + "map")
+        assert (row.part, row.map) == (DRAWER, MAP + "map")
         assert knowledge.ask("stays", "milk_carton_1", for_s=0.1)[0].map.endswith("kitchen")
 
 
@@ -181,9 +181,9 @@ def test_what_no_joint_moves_cannot_be_opened(sim: Simulation) -> None:
     assert reasons(sim.ask("can_open", "Mug")) == "no joint moves Mug, or a part of it"
 
 
-def test_a_pull_at_a_handle_opens_its_front_with_the_force_that_is_needed(sim: Simulation) -> None:
+def test_a_pull_at_a_handle_opens_its_part_with_the_force_that_is_needed(sim: Simulation) -> None:
     (row,) = sim.ask("reachable_by_pull", "DrawerHandle")
-    assert (row.handle, row.front) == (MAP + "DrawerHandle", DRAWER)
+    assert (row.handle, row.part) == (MAP + "DrawerHandle", DRAWER)
     assert row.share > 0.9
     assert 0.5 <= row.force_n < 150.0
     half = sim.ask("reachable_by_pull", "DrawerHandle", max_force_n=row.force_n * 2)
@@ -237,9 +237,9 @@ def fields(row: Any) -> dict[str, Any]:
     ],
 )
 def test_an_edit_is_words_or_a_plan_a_step_or_a_list_of_steps(sim: Simulation, edit: str) -> None:
-    rows = sim.ask("what_if", edit, "openings Cupboard", wait_s=0.2)
+    rows = sim.ask("what_if", edit, "articulated_parts Cupboard", wait_s=0.2)
     assert [fields(row)["state"] for row in rows] == ["open"]
-    assert rows[0].asked == "openings"
+    assert rows[0].asked == "articulated_parts"
     assert fields(rows[0])["share"] > 0.9
 
 

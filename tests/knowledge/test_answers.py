@@ -29,8 +29,8 @@ def kb() -> KnowledgeBase:
     [
         ("storage_place_in_environment", {"item": "CowsMilk"}, "fridge"),
         ("storage_place", {"item": "CowsMilk"}, "fridge"),  # the only refrigerator of the map
-        ("openings", {"thing": "fridge"}, "fridge_door"),
-        ("openings", {"front": "fridge_door"}, "fridge"),
+        ("articulated_parts", {"thing": "fridge"}, "fridge_door"),
+        ("articulated_parts", {"part": "fridge_door"}, "fridge"),
         ("where_is", {"thing": "milk_carton_1", "relation": "inside"}, "fridge"),
     ],
 )
@@ -108,7 +108,7 @@ def test_answers_about_classes_have_members_when_their_knowledge_base_is_gone() 
 
 
 def test_answers_about_individuals_keep_no_knowledge_base_alive() -> None:
-    answers, base = closed_base("openings", thing="fridge")
+    answers, base = closed_base("articulated_parts", thing="fridge")
     assert base() is None
     assert {row.individual for row in answers} == {f"{KITCHEN}fridge_door"}
 

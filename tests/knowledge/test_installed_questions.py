@@ -89,7 +89,7 @@ def test_words_that_no_wording_has_lead_to_no_question(declared: Question[Answer
         ("which things are to the left of the fridge?", "direction_of"),
         ("what is nextto milk_carton_1", "where_is"),
         ("what is beside milk_carton_1", "where_is"),
-        ("is the fridge closed?", "openings"),
+        ("is the fridge closed?", "articulated_parts"),
     ],
 )
 def test_values_of_enumerations_are_words_of_a_question(sentence: str, question: str) -> None:
@@ -157,16 +157,14 @@ def test_a_question_of_a_users_program_is_offered_if_it_declares_that_it_reads()
 
 
 def test_a_question_of_a_users_program_hides_no_installed_one() -> None:
-    @question
     def nearest(kb: QuestionContext, thing: IndividualName | None = None) -> Iterator[Cheer]:
         """Another question of that name."""
         yield Cheer(thing=Iri("urn:nobody"))
 
-    try:
-        assert get_question("nearest").module == "mindstage.knowledge.queries.proximity"
-        assert [each.name for each in list_questions()].count("nearest") == 1
-    finally:
-        del declarations._declared[nearest.module, nearest.name]
+    with pytest.raises(ValueError, match=r"two questions nearest: .*and of mindstage\.knowledge\.queries\.proximity"):
+        question(nearest)
+    assert get_question("nearest").module == "mindstage.knowledge.queries.proximity"
+    assert [each.name for each in list_questions()].count("nearest") == 1
 
 
 def test_an_unknown_question_is_an_error_with_the_nearest_name() -> None:

@@ -100,17 +100,17 @@ def test_a_question_without_answers_gives_the_missing_statement(
     ("args", "why"),
     [
         ({"thing": "plate_3"}, "plate_3 (Plate) has no door, drawer or lid that a joint moves"),
-        ({"front": "plate_3"}, "plate_3 (Plate) opens nothing: it is no door, drawer or lid that a joint moves"),
-        ({"thing": "oven", "front": "fridge_door"}, "fridge_door opens fridge, not oven"),
+        ({"part": "plate_3"}, "plate_3 (Plate) opens nothing: it is no door, drawer or lid that a joint moves"),
+        ({"thing": "oven", "part": "fridge_door"}, "fridge_door opens fridge, not oven"),
         (
             {"thing": "fridge_door"},
-            "nothing opens fridge_door, which itself opens fridge: ask for front=fridge_door",
+            "nothing opens fridge_door, which itself opens fridge: ask for part=fridge_door",
         ),
         ({"thing": "fridge", "state": "open"}, "joint positions are unknown"),
     ],
 )
 def test_fixed_containers_differ_from_unmeasured_ones(args: dict[str, str], why: str, kitchen: KnowledgeBase) -> None:
-    (missing,) = kitchen.ask("openings", **args).missing
+    (missing,) = kitchen.ask("articulated_parts", **args).missing
     assert missing.reason.startswith(why)
 
 

@@ -124,7 +124,7 @@ def test_a_slow_engine_does_not_block_other_questions(kitchen: KnowledgeBase) ->
         held = threads.submit(sim.run_on_engine, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
         assert busy.wait(PATIENCE_S)
         try:
-            waiting = threads.submit(sim.ask, "openings", thing="fridge")
+            waiting = threads.submit(sim.ask, "articulated_parts", thing="fridge")
             assert kitchen.ask("storage_place", item="CowsMilk")
             assert kitchen.tell("KitchenTable", CONTAINER_FOR, "Robot")
             assert not waiting.done()

@@ -155,8 +155,8 @@ def test_what_is_no_option_is_named_with_the_predicate(value: Value, message: st
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
-        (Atom("openings"), Check(question="openings", expect="any")),
-        (term("\\+", Atom("openings")), Check(question="openings", expect="none")),
+        (Atom("articulated_parts"), Check(question="articulated_parts", expect="any")),
+        (term("\\+", Atom("articulated_parts")), Check(question="articulated_parts", expect="none")),
         (
             term("\\+", term("where_is", term("=", Atom("thing"), MUG), term("=", Atom("top"), 3))),
             Check(question="where_is", args={"thing": "mug", "top": 3}, expect="none"),

@@ -28,10 +28,10 @@ def console(prolog: Path, kitchen_simulation: Simulation) -> Iterator[PrologCons
 
 
 def test_questions_are_joined(console: PrologConsole) -> None:
-    line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
+    line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), articulated_parts(Map, Place, State, Part)"
     (row,) = console.answers(line)
     assert (row["Place"], row["State"]) == (FRIDGE, "closed")
-    assert row["Front"].endswith("#fridge_door")
+    assert row["Part"].endswith("#fridge_door")
     assert console.answers("likely_storage_place(knowrob:'CowsMilk', Class).")[0]["Class"].endswith("#Refrigerator")
 
 

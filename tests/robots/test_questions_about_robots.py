@@ -56,9 +56,9 @@ def test_a_robot_adds_its_bodies_to_answers_about_bodies(
 
 @pytest.mark.usefixtures("answers_before")
 def test_the_joints_of_a_robot_open_nothing(sim: Simulation) -> None:
-    (column,) = sim.ask("openings", "base_link").missing
+    (column,) = sim.ask("articulated_parts", "base_link").missing
     assert "has no door, drawer or lid that a joint moves" in column.reason
-    (lift,) = sim.ask("openings", front="lift_link").missing
+    (lift,) = sim.ask("articulated_parts", part="lift_link").missing
     assert "opens nothing: it is no door, drawer or lid that a joint moves" in lift.reason
     assert not sim.ask("what opens base_link")
 
@@ -80,7 +80,7 @@ def test_the_tour_of_the_page_opens_no_joint_of_a_robot() -> None:
         assert isinstance(session, Simulation)
         channel = RpcChannel()
         TourHandler(session, channel, camera=lambda _: None)
-        assert FakePage(channel).ask("tour.state")["front"] is None
+        assert FakePage(channel).ask("tour.state")["part"] is None
         session.spawn(kitchenette())
-        assert FakePage(channel).ask("tour.state")["front"] == "FridgeDoor"
+        assert FakePage(channel).ask("tour.state")["part"] == "FridgeDoor"
         channel.close()

@@ -19,8 +19,8 @@ from mindstage.robots.robot import Robot
 from mindstage.robots.skill_declaration import SkillMotion
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills import (
-    FrontWay,
     ParameterType,
+    PartContact,
     SkillOutcome,
     SkillResult,
     SkillStep,
@@ -32,11 +32,11 @@ from mindstage.robots.skills import (
     start_skill,
 )
 from mindstage.robots.skills.arm_paths import interpolated_poses
-from mindstage.robots.skills.doors import moving_front
-from mindstage.robots.skills.front_access import find_front_motion
+from mindstage.robots.skills.doors import moving_part
+from mindstage.robots.skills.grasp_motion import GraspMotionRequest
 from mindstage.robots.skills.manipulator import hands_of
-from mindstage.robots.skills.path_placement import PathPlacementRequest
-from mindstage.robots.surroundings import Opening, Surroundings
+from mindstage.robots.skills.part_motion import find_part_motion
+from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry, CollisionShape, CollisionShapeType
 from mindstage.scene.transforms import pose_from_array, pose_inverse, pose_multiply, quat_rotate
@@ -256,7 +256,7 @@ class TestSmallKitchen:
         assert result, result.reason
         assert pantry.joint("Drawer").openness < 0.05
 
-    def test_what_did_not_move_a_front_is_tried_from_another_place_and_then_another_way(
+    def test_what_did_not_move_a_part_is_tried_from_another_place_and_then_another_way(
         self, pantry: Simulation
     ) -> None:
         robot = find_robot(pantry)
@@ -264,18 +264,18 @@ class TestSmallKitchen:
         pantry.step(0.1)
         task = SkillTask(robot)
         hand, surroundings = hands_of(task)[0], task.surroundings()
-        opening = surroundings.opening(BodyId("Drawer"))
-        closed = opening.joint.closed_position
-        first = find_front_motion(hand, opening, surroundings, closed)
-        assert first.way is FrontWay.HANDLE
-        second = find_front_motion(hand, opening, surroundings, closed, tried=[first])
+        part = surroundings.articulated_part(BodyId("Drawer"))
+        closed = part.joint.closed_position
+        first = find_part_motion(hand, part, surroundings, closed)
+        assert first.way is PartContact.HANDLE
+        second = find_part_motion(hand, part, surroundings, closed, tried=[first])
         (x, y, yaw), (other_x, other_y, other_yaw) = first.placement.base, second.placement.base
         turn = abs((other_yaw - yaw + np.pi) % (2 * np.pi) - np.pi)
         assert np.hypot(other_x - x, other_y - y) > 0.09 or turn > 0.25
-        third = find_front_motion(hand, opening, surroundings, closed, tried=[first, first, first])
-        assert third.way is FrontWay.PUSH
+        third = find_part_motion(hand, part, surroundings, closed, tried=[first, first, first])
+        assert third.way is PartContact.PUSH
 
-    def test_a_way_is_planned_from_where_the_base_will_be_with_a_front_where_it_will_be(
+    def test_a_way_is_planned_from_where_the_base_will_be_with_a_part_where_it_will_be(
         self, pantry: Simulation
     ) -> None:
         robot, drawer = find_robot(pantry), pantry.joint("Drawer")
@@ -290,13 +290,13 @@ class TestSmallKitchen:
         pantry.step(0.1)
         task = SkillTask(find_robot(pantry))
         surroundings = task.surroundings()
-        opening = surroundings.opening(BodyId("Drawer"))
-        find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+        part = surroundings.articulated_part(BodyId("Drawer"))
+        find_part_motion(hands_of(task)[0], part, surroundings, part.joint.closed_position)
         assert task.limit.done > 10
         task.limit.steps = task.limit.done
         reason = f"Drawer is 5.% open instead of 0%: .* within {task.limit.steps} steps"
         with pytest.raises(SkillFailedError, match=reason):
-            find_robot(pantry).run(moving_front(task, opening, 0.0))
+            find_robot(pantry).run(moving_part(task, part, 0.0))
 
     def test_a_held_mug_is_set_aside_to_open_the_drawer_that_it_is_put_into(self, pantry: Simulation) -> None:
         robot, mug = find_robot(pantry), BodyId("Mug")
@@ -317,7 +317,7 @@ class TestSmallKitchen:
         self, pantry: Simulation, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The search for a grasp by friction is cut short: the mug is fixed to the gripper then."""
-        monkeypatch.setattr(handling, "PathPlacementRequest", partial(PathPlacementRequest, steps=2000))
+        monkeypatch.setattr(handling, "GraspMotionRequest", partial(GraspMotionRequest, steps=2000))
         robot, mug = find_robot(pantry), BodyId("Mug")
         pantry.place(mug, into="Drawer")
         assert pantry.joint("Drawer").openness < 0.01
@@ -345,13 +345,13 @@ class TestSmallKitchen:
                 raise UnreachableError(robot.name, target=mug, reason="no way was found")
             return "in front of it"
 
-        def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMotion:
-            pantry.joint(opening.front).open(fraction)
+        def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float) -> SkillMotion:
+            pantry.joint(part.id).open(fraction)
             yield 0.1
 
         monkeypatch.setattr(handling, "_friction_placement", lambda *args, **options: (None, None))
         monkeypatch.setattr(handling, "_standing_before", standing_before)
-        monkeypatch.setattr(handling, "moving_front", moving_front)
+        monkeypatch.setattr(handling, "moving_part", moving_part)
         task = SkillTask(robot)
         motion = handling._hand_before(task, hands_of(task)[0], task.surroundings(), mug, upright=None, stays=False)
         assert robot.run(motion) == "in front of it"
@@ -509,7 +509,7 @@ class TestSmallRoom:
         assert surroundings.find("http://example.org/room#mug") == "mug"
         assert surroundings.support_of(BodyId("mug")) == "on counter"
         assert surroundings.support_of(BodyId("counter")) != "on counter"
-        assert surroundings.openings() == ()
+        assert surroundings.articulated_parts() == ()
         assert not set(room.link_ids.values()) & set(surroundings.bodies())
 
 
@@ -580,7 +580,7 @@ class TestWhatCanBeOpened:
         reach = can_open(robot, "pantry_door")
         assert reach, reach.reason
         assert reach.openness > 0.95
-        assert [each.way for each in reach.steps] == [FrontWay.HANDLE]
+        assert [each.way for each in reach.steps] == [PartContact.HANDLE]
         assert can_open(robot, "pantry_door") == reach  # it is not by chance
         assert kitchen.snapshot() == before
 
@@ -614,8 +614,8 @@ class TestWhatCanBeOpened:
         kitchen.step(0.1)
         task = SkillTask(robot)
         surroundings = task.surroundings()
-        opening = surroundings.opening(BodyId("drawer_south_3"))
-        motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+        part = surroundings.articulated_part(BodyId("drawer_south_3"))
+        motion = find_part_motion(hands_of(task)[0], part, surroundings, part.joint.closed_position)
         assert motion.placement.reach > 0.95
 
 
@@ -629,8 +629,8 @@ class TestArmsThatTakeTheBaseAlong:
             assert not len(floor.plan.cells_near(np.tile(robot.base_pose()[:2], (1, 6, 1)), 0.3))
             task = SkillTask(robot)
             surroundings = task.surroundings()
-            opening = surroundings.opening(BodyId("drawer_south_1"))
-            motion = find_front_motion(hands_of(task)[0], opening, surroundings, opening.joint.closed_position)
+            part = surroundings.articulated_part(BodyId("drawer_south_1"))
+            motion = find_part_motion(hands_of(task)[0], part, surroundings, part.joint.closed_position)
             assert motion.placement.reach > 0.95
             assert plan_base(robot, motion.placement.base)
 
@@ -645,10 +645,10 @@ class TestArmsThatTakeTheBaseAlong:
             sim.step(0.02)
             task = SkillTask(robot)
             hand, surroundings = hands_of(task)[0], task.surroundings()
-            opening = surroundings.opening(BodyId("microwave_door"))
-            assert opening.openness > 0.98
-            motion = find_front_motion(hand, opening, surroundings, opening.joint.closed_position)
-            assert motion.way is FrontWay.HANDLE
+            part = surroundings.articulated_part(BodyId("microwave_door"))
+            assert part.openness > 0.98
+            motion = find_part_motion(hand, part, surroundings, part.joint.closed_position)
+            assert motion.way is PartContact.HANDLE
             assert hand.distance_before(motion.path[0]) < 0.02
             assert motion.placement.base == pytest.approx(base, abs=0.02)
             assert motion.placement.part > 0.95
@@ -687,11 +687,11 @@ class TestArmsThatTakeTheBaseAlong:
             robot = add_robot(sim, "stretch", Pose((0.9, 0.6, 0.0)))
             task = SkillTask(robot)
             hand, surroundings = hands_of(task)[0], task.surroundings()
-            door = surroundings.opening(BodyId("room_door"))
-            motion = find_front_motion(hand, door, surroundings, door.joint.open_position)
+            door = surroundings.articulated_part(BodyId("room_door"))
+            motion = find_part_motion(hand, door, surroundings, door.joint.open_position)
             row, path = motion.end_row, motion.placement.path
             assert motion.placement.stop == row + 1 < path.reached
-            moved = {door.front: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
+            moved = {door.id: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
             x, y, _ = hand.base_of(path.roots[row])
             assert FloorMap(robot, moved=moved).is_reachable(x, y)
 
@@ -701,30 +701,30 @@ class TestArmsThatTakeTheBaseAlong:
             hand = hands_of(SkillTask(robot))[0]
             before = hand.kinematics.iterations
             surroundings = SkillTask(robot).surroundings()
-            cupboard = surroundings.opening(BodyId("spice_cupboard_door"))
+            cupboard = surroundings.articulated_part(BodyId("spice_cupboard_door"))
             with pytest.raises(
                 UnreachableError, match=r"mm and .* are missing: joint_lift is at its upper limit 1.1 m"
             ):
-                find_front_motion(hand, cupboard, surroundings, cupboard.joint.open_position)
+                find_part_motion(hand, cupboard, surroundings, cupboard.joint.open_position)
             assert hand.kinematics.iterations - before < 5000  # no place of the base was searched for it
 
 
 class TestKitchenSurroundings:
     def test_doors_handles_and_what_they_close(self, kitchen: Simulation, robot: Robot) -> None:
         surroundings = SkillTask(robot).surroundings()
-        door = surroundings.opening(BodyId("fridge"))
-        assert (door.front, door.handle, door.container) == ("fridge_door", "fridge_door_handle", "fridge")
+        door = surroundings.articulated_part(BodyId("fridge"))
+        assert (door.id, door.handle, door.container) == ("fridge_door", "fridge_door_handle", "fridge")
         assert door.is_closed
         milk = BodyId("milk_carton_1")
         assert surroundings.containers_of(milk)[0] == "fridge"
-        assert [each.front for each in surroundings.closed_in_front_of(milk)] == ["fridge_door"]
+        assert [each.id for each in surroundings.closed_in_front_of(milk)] == ["fridge_door"]
         assert surroundings.storage_places(milk) == ["fridge"]
         kitchen.joint("fridge_door").open(0.6)
         kitchen.step(0.1)
         surroundings = SkillTask(robot).surroundings()
         assert surroundings.closed_in_front_of(milk) == []
-        assert [each.front for each in surroundings.in_front_of(milk)] == ["fridge_door"]
-        assert surroundings.openings_of(BodyId("fridge"))[0].openness == pytest.approx(0.6, abs=0.05)
+        assert [each.id for each in surroundings.in_front_of(milk)] == ["fridge_door"]
+        assert surroundings.articulated_parts_of(BodyId("fridge"))[0].openness == pytest.approx(0.6, abs=0.05)
 
     def test_a_kind_is_fetched_and_the_one_that_nothing_closes_comes_first(
         self, kitchen: Simulation, robot: Robot

@@ -72,8 +72,8 @@ def test_of_a_question_about_a_door_its_handle_is_highlighted(sim: Simulation) -
         ("individual_of_class", {"cls": "Handle"}, {"FridgeHandle", "DrawerHandle"}),
         ("where_is", {"other": "Cupboard", "relation": "on"}, {"Mug"}),
         ("where_is", {"thing": "Mug", "relation": "on"}, {"Cupboard"}),
-        ("openings", {"state": "closed"}, {"Fridge", "Cupboard"}),
-        ("openings", {"thing": "Fridge"}, {"FridgeDoor"}),
+        ("articulated_parts", {"state": "closed"}, {"Fridge", "Cupboard"}),
+        ("articulated_parts", {"thing": "Fridge"}, {"FridgeDoor"}),
     ],
 )
 def test_the_column_that_was_asked_for_is_highlighted(

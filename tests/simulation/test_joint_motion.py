@@ -93,7 +93,7 @@ def test_a_door_whose_handle_was_deleted_opens_the_same_way() -> None:
 
 def test_questions_report_that_it_is_open(sim: Simulation) -> None:
     sim.joint("fridge_door").open()
-    (row,) = sim.ask("openings", thing="fridge")
+    (row,) = sim.ask("articulated_parts", thing="fridge")
     assert row.state == "open"
     assert row.share == pytest.approx(sim.joint("fridge_door").openness, abs=0.01)
 

@@ -72,7 +72,7 @@ def test_every_declared_question_has_a_form_with_arguments_and_text(page: FakePa
     ]
     assert {argument["completion"] for argument in storage["arguments"]} <= {"CLASS", "INDIVIDUAL", "MAP", ""}
     assert storage["text"]
-    states = next(argument for argument in offered["openings"]["arguments"] if argument["choices"])
+    states = next(argument for argument in offered["articulated_parts"]["arguments"] if argument["choices"])
     assert "open" in states["choices"]
 
 
@@ -250,10 +250,10 @@ def test_a_query_does_not_read_files(page: FakePage) -> None:
 @needs_prolog
 def test_a_prolog_query_is_answered_as_a_table_of_its_variables(page: FakePage, simulation: Simulation) -> None:
     assert page.ask("ask.languages") == {"prolog": True, "prolog_missing": ""}
-    line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), openings(Map, Place, State, Front)"
+    line = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place), articulated_parts(Map, Place, State, Part)"
     found = page.ask("ask.prolog", line=line)
-    assert found["columns"] == ["Map", "Place", "State", "Front"]
-    assert (found["ids"], texts(found, "Front"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
+    assert found["columns"] == ["Map", "Place", "State", "Part"]
+    assert (found["ids"], texts(found, "Part"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
     page.ask("ask.highlight", key=found["key"], color="red")
     assert set(simulation.state.highlights) == {"fridge"}
     assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', knowrob:'Dishwasher')")["boolean"] is False

@@ -92,10 +92,10 @@ class CollisionFilterInput:
     """Collision shapes of the bodies; None if no body has geometry."""
     has_geometry: NDArray[np.bool_] | None = None
     """Whether a body's collision shapes differ from the box of its size."""
-    unit: NDArray[np.intp] | None = None
-    """Number of each body's unit: groups connected by joints. None if loose bodies are not moved."""
+    tree: NDArray[np.intp] | None = None
+    """Number of each body's tree: groups connected by joints. None if loose bodies are not moved."""
     is_loose: NDArray[np.bool_] | None = None
-    """Whether all groups of the body's unit are dynamic, so that it falls unless it is supported."""
+    """Whether all groups of the body's tree are dynamic, so that it falls unless it is supported."""
     could_collide_before: Callable[[int, int], bool] = lambda a, b: False
     """Whether a pair could collide before the edit; then it still can, however deep the overlap."""
 
@@ -184,10 +184,10 @@ def compute_collision_filter(
         text = f"{id} encloses {count} pieces of furniture: it collides with nothing"
         notes.append(SpawnNote(SpawnNoteKind.ENCLOSURE, (id,), text))
     contents, contained = _contents(filter_input, boxes, enclosures, result, a, b)
-    fronts = _front_positions(filter_input)
+    parts = _part_positions(filter_input)
     for outer, inner in contents.items():
         notes.append(
-            _make_hollow(filter_input, boxes, result, outer, inner, fronts.get(int(filter_input.group[outer]), ()))
+            _make_hollow(filter_input, boxes, result, outer, inner, parts.get(int(filter_input.group[outer]), ()))
         )
     resting = {(outer, item) for outer, inner in contents.items() for item in inner}
     a, b, depth, penetrating_notes = _refine_overlaps(filter_input, a, b, depth)
@@ -213,10 +213,10 @@ def _is_settled(
 
     That of a body and the larger ones of its containers is not: what is in a drawer is also in the cabinet.
     """
-    if filter_input.is_loose is None or filter_input.unit is None or not len(a):
+    if filter_input.is_loose is None or filter_input.tree is None or not len(a):
         return np.zeros(len(a), dtype=bool)
     is_settled: NDArray[np.bool_] = (filter_input.is_loose[a] | filter_input.is_loose[b]) & (
-        filter_input.unit[a] != filter_input.unit[b]
+        filter_input.tree[a] != filter_input.tree[b]
     )
     if result.non_colliding and is_settled.any():
         collides = np.array([id not in result.non_colliding for id in filter_input.ids], dtype=bool)
@@ -360,17 +360,17 @@ def _contents(
     return contents, larger
 
 
-def _front_positions(filter_input: CollisionFilterInput) -> dict[int, list[Array]]:
+def _part_positions(filter_input: CollisionFilterInput) -> dict[int, list[Array]]:
     """Positions of doors and drawers: the groups that are jointed to each fixed group."""
     reverse_rows = range(len(filter_input.ids) - 1, -1, -1)
     # Later entries replace earlier ones, so this is the first body of each group.
     first = dict(zip(filter_input.group[::-1].tolist(), reverse_rows, strict=True))
-    fronts: dict[int, list[Array]] = {}
+    parts: dict[int, list[Array]] = {}
     for pair in filter_input.jointed_pairs:
         for group, other in (pair, pair[::-1]):
             if not filter_input.is_dynamic[first[group]]:
-                fronts.setdefault(group, []).append(filter_input.poses[first[other], :3])
-    return fronts
+                parts.setdefault(group, []).append(filter_input.poses[first[other], :3])
+    return parts
 
 
 def _make_hollow(
@@ -379,7 +379,7 @@ def _make_hollow(
     result: CollisionFilter,
     outer: int,
     inner: list[int],
-    fronts: Sequence[Array],
+    parts: Sequence[Array],
 ) -> SpawnNote:
     """Makes a body hollow around its contents, new ones and those that are still inside."""
     id = filter_input.ids[outer]
@@ -391,7 +391,7 @@ def _make_hollow(
     )
     remaining = [int(i) for i in old if contains(boxes, np.array([outer]), np.array([i]), min_fraction=0.8)[0]]
     contents = sorted({*inner, *remaining})
-    hollow = hollow_box(boxes, outer, contents, fronts)
+    hollow = hollow_box(boxes, outer, contents, parts)
     names = tuple(filter_input.ids[i] for i in contents)
     result.wall_panels[id] = hollow.panels
     result.contents[id] = names

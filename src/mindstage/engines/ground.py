@@ -87,7 +87,7 @@ def find_columns(
     shapes: CollisionShapeBatch,
     *,
     is_upper: NDArray[np.bool_],
-    unit: Indices,
+    tree: Indices,
     excluded: Collection[tuple[int, int]] = (),
 ) -> Columns:
     """Finds what is below some of n bodies, one pair for each pair of their collision shapes.
@@ -97,7 +97,7 @@ def find_columns(
     Args:
         shapes: the collision shapes of the bodies that collide.
         is_upper: whether to look below each body.
-        unit: the number of each body's unit, whose bodies are not below one another.
+        tree: the number of each body's tree, whose bodies are not below one another.
         excluded: pairs of bodies that do not collide, in either order.
     """
     boxes, counts = shapes.boxes, np.diff(shapes.first_shape)
@@ -108,7 +108,7 @@ def find_columns(
     mask, everything, found = is_upper[owner], np.ones(len(owner), dtype=bool), list[Columns]()
     for first, second in overlapping_pairs(flat, mask, everything, margin=(0.0, 0.0, height_m)):
         a, b = np.concatenate([first, second]), np.concatenate([second, first])
-        kept = mask[a] & (unit[owner[a]] != unit[owner[b]]) & (low[b, 2] < high[a, 2])
+        kept = mask[a] & (tree[owner[a]] != tree[owner[b]]) & (low[b, 2] < high[a, 2])
         a, b = a[kept], b[kept]
         common = polygons[a]
         for corner in range(polygons.shape[1]):
@@ -134,7 +134,7 @@ def find_resting(centers: Array, supports: OrientedBoxes) -> NDArray[np.bool_]:
     """Whether a box is below each of some points, which is the fast part of `find_columns`.
 
     Args:
-        centers: the centers of mass of units, n x 3 [m].
+        centers: the centers of mass of trees, n x 3 [m].
         supports: boxes around fixed collision shapes.
     """
     found = np.zeros(len(centers), dtype=bool)
@@ -168,48 +168,48 @@ def _vertical_spans(boxes: OrientedBoxes, rows: Indices, points: Array) -> tuple
     return near, np.where(parallel, -beside, np.maximum(first, second)).min(axis=1)
 
 
-def find_supported(columns: Columns, unit: Indices, is_loose: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_supported(columns: Columns, tree: Indices, is_loose: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """For each of n bodies, whether it is fixed, or something fixed is below it or below loose bodies under it."""
-    supported = np.zeros(int(unit.max(initial=-1)) + 1, dtype=bool)
-    supported[unit[~is_loose]] = True
-    upper, lower, count = unit[columns.upper], unit[columns.lower], -1
+    supported = np.zeros(int(tree.max(initial=-1)) + 1, dtype=bool)
+    supported[tree[~is_loose]] = True
+    upper, lower, count = tree[columns.upper], tree[columns.lower], -1
     while count != (count := int(np.count_nonzero(supported))):
         supported[upper[supported[lower]]] = True
-    return np.asarray(supported[unit])
+    return np.asarray(supported[tree])
 
 
-def find_balanced(columns: Columns, unit: Indices, is_loose: NDArray[np.bool_], centers: Array) -> NDArray[np.bool_]:
-    """For each of n bodies, whether it is fixed, or its unit's center of mass is above the hull of what is below it.
+def find_balanced(columns: Columns, tree: Indices, is_loose: NDArray[np.bool_], centers: Array) -> NDArray[np.bool_]:
+    """For each of n bodies, whether it is fixed, or its tree's center of mass is above the hull of what is below it.
 
-    Only what is balanced itself counts; a unit that is not may fall past what is below it.
+    Only what is balanced itself counts; a tree that is not may fall past what is below it.
 
     Args:
         columns: what is below the bodies.
-        unit: the number of each body's unit.
+        tree: the number of each body's tree.
         is_loose: whether each body is loose.
-        centers: the center of mass of each unit, k x 3 [m].
+        centers: the center of mass of each tree, k x 3 [m].
     """
-    offsets = columns.common - centers[unit[columns.upper], None, :2]
+    offsets = columns.common - centers[tree[columns.upper], None, :2]
     corners = columns.common.shape[1]
     angles = np.arctan2(offsets[..., 1], offsets[..., 0]).reshape(-1)
-    upper, lower = np.repeat(unit[columns.upper], corners), np.repeat(unit[columns.lower], corners)
+    upper, lower = np.repeat(tree[columns.upper], corners), np.repeat(tree[columns.lower], corners)
     order = np.lexsort((angles, upper))
     angles, upper, lower = angles[order], upper[order], lower[order]
     balanced = np.ones(len(centers), dtype=bool)
     while True:
         kept = balanced[lower]
-        units, first = np.unique(upper[kept], return_index=True)
+        trees, first = np.unique(upper[kept], return_index=True)
         around = np.append(angles[kept], 0.0)
         last = np.append(first, len(around) - 1)[1:] - 1
         gaps = np.diff(around)
         gaps[last] = around[first] + 2 * np.pi - around[last]
         now = np.zeros(len(centers), dtype=bool)
-        if len(units):  # the center is inside if its directions to the corners leave no half-plane out
-            now[units] = np.maximum.reduceat(gaps, first) < np.pi - 1e-9
-        now[unit[~is_loose]] = True
+        if len(trees):  # the center is inside if its directions to the corners leave no half-plane out
+            now[trees] = np.maximum.reduceat(gaps, first) < np.pi - 1e-9
+        now[tree[~is_loose]] = True
         now &= balanced
         if (now == balanced).all():
-            return np.asarray(balanced[unit])
+            return np.asarray(balanced[tree])
         balanced = now
 
 

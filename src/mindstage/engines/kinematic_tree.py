@@ -214,13 +214,13 @@ class KinematicForest:
             root_of={id: root for id, root in self.root_of.items() if id not in ids},
         )
 
-    def unit_of(self, root: BodyId) -> BodyId:
+    def tree_root_of(self, root: BodyId) -> BodyId:
         """The root group of the tree of one group."""
         while (tree_joint := self.tree_joints.get(root)) is not None:
             root = self.root_of[tree_joint.parent]
         return root
 
-    def units(self) -> dict[BodyId, BodyId]:
+    def tree_roots(self) -> dict[BodyId, BodyId]:
         """The root group of the tree of each group, by their roots; groups of one tree move together."""
         result: dict[BodyId, BodyId] = {}
         for root in self.groups:  # parents come before children

@@ -294,8 +294,8 @@ class PhysicsModelBuilder:
         """Roots of the rigid groups that no joint connects with a fixed group: they fall unless supported."""
         forest = self.forest
         if self._loose_roots is None:
-            units = forest.units()
-            self._loose_roots = frozenset(root for root, unit in units.items() if forest.groups[unit].is_dynamic)
+            trees = forest.tree_roots()
+            self._loose_roots = frozenset(root for root, tree in trees.items() if forest.groups[tree].is_dynamic)
         return self._loose_roots
 
     def is_loose(self, id: BodyId) -> bool:
@@ -356,8 +356,8 @@ class PhysicsModelBuilder:
     def connected_bodies(self, id: BodyId) -> list[BodyId]:
         """A body and all bodies that attachments and joints connect with it."""
         forest = self.forest
-        units, unit = forest.units(), forest.unit_of(forest.root_of[id])
-        return [body for root in units if units[root] == unit for body in forest.groups[root].bodies]
+        trees, tree = forest.tree_roots(), forest.tree_root_of(forest.root_of[id])
+        return [body for root in trees if trees[root] == tree for body in forest.groups[root].bodies]
 
     # -- edits -------------------------------------------------------------------------------------------------
 
@@ -678,7 +678,7 @@ class PhysicsModelBuilder:
             overlap_boxes=self.mass_properties.overlap_boxes(ids, poses),
             collision_shapes=self.mass_properties.collision_shape_batch(ids, poses),
             has_geometry=self.mass_properties.has_geometry_mask(ids),
-            unit=self._unit_numbers(ids) if settles else None,
+            tree=self._tree_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
             could_collide_before=lambda a, b: (
                 previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.given_excluded_pairs
@@ -691,7 +691,7 @@ class PhysicsModelBuilder:
         """Rows of the bodies on which the decisions about a few new bodies depend, in order; None for all.
 
         They are the bodies whose bounds meet those of a new one, their groups, what the hollow ones of them contain,
-        and the groups that joints connect to them: the fronts of a cabinet.
+        and the groups that joints connect to them: the doors and drawers of a cabinet.
         """
         ids, forest = self.registry.ids, self.forest
         if not 0 < len(new_ids) <= _MAX_LOCAL_BODIES or len(ids) <= _MAX_LOCAL_BODIES:
@@ -718,11 +718,11 @@ class PhysicsModelBuilder:
         found.update(*(forest.groups[root].bodies for root in roots))
         return [row for row, id in enumerate(ids) if id in found]
 
-    def _unit_numbers(self, ids: Iterable[BodyId]) -> NDArray[np.intp]:
+    def _tree_numbers(self, ids: Iterable[BodyId]) -> NDArray[np.intp]:
         """For each body, a number of the tree of its group."""
         forest, numbers = self.forest, dict[BodyId, int]()
-        units = (forest.unit_of(forest.root_of[id]) for id in ids)
-        return np.array([numbers.setdefault(unit, len(numbers)) for unit in units], dtype=np.intp)
+        trees = (forest.tree_root_of(forest.root_of[id]) for id in ids)
+        return np.array([numbers.setdefault(tree, len(numbers)) for tree in trees], dtype=np.intp)
 
     def _mark_temporary(self, pairs: Iterable[tuple[BodyId, BodyId]], new_ids: Collection[BodyId]) -> None:
         """Excluded pairs that collide again once they were apart: bodies that were added to others, and loose ones.
@@ -759,7 +759,7 @@ class PhysicsModelBuilder:
             SettlingInput(
                 ids=ids,
                 shapes=CollisionShapeBatch.from_compiled(poses, compiled),
-                unit=self._unit_numbers(ids),
+                tree=self._tree_numbers(ids),
                 is_loose=np.array([self.is_loose(id) for id in ids], dtype=bool),
                 is_new=np.array([id in new_ids for id in ids], dtype=bool),
                 is_ignored=np.array([id in self.collision_filter.non_colliding for id in ids], dtype=bool),
@@ -917,29 +917,29 @@ class PhysicsModelBuilder:
         """Those of some loose bodies, by their rows, that have nothing below them; and those that may fall past it.
 
         Args:
-            loose: the rows of all bodies of some loose units.
+            loose: the rows of all bodies of some loose trees.
             poses: poses of all bodies.
         """
         ids = self.registry.ids
         if not len(loose):
             return loose, loose
         names = [ids[row] for row in loose.tolist()]
-        unit = self._unit_numbers(names)
+        tree = self._tree_numbers(names)
         non_colliding = self.collision_filter.non_colliding
         near = np.flatnonzero(self._may_be_below(loose, poses)).tolist()
         fixed = [row for row in near if ids[row] not in non_colliding and not self.is_loose(ids[row])]
         shapes = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
         supports = CollisionShapeBatch.from_compiled(poses[fixed], shapes).boxes
-        rests = find_resting(self._mass_centers(names, unit, poses[loose]), supports)[unit]
+        rests = find_resting(self._mass_centers(names, tree, poses[loose]), supports)[tree]
         left, resting = loose[~rests], {id for id, done in zip(names, rests.tolist(), strict=True) if done}
         if not len(left):
             return left, left
         rows, columns = self._columns(left, poses, resting)
         names = [ids[row] for row in rows.tolist()]
-        unit = self._unit_numbers(names)
+        tree = self._tree_numbers(names)
         is_held = np.array([id in resting or not self.is_loose(id) for id in names], dtype=bool)
-        supported = find_supported(columns, unit, ~is_held)
-        balanced = find_balanced(columns, unit, ~is_held, self._mass_centers(names, unit, poses[rows]))
+        supported = find_supported(columns, tree, ~is_held)
+        balanced = find_balanced(columns, tree, ~is_held, self._mass_centers(names, tree, poses[rows]))
         asked = np.isin(rows, left)
         return rows[asked & ~supported], rows[asked & supported & ~balanced]
 
@@ -959,7 +959,7 @@ class PhysicsModelBuilder:
             columns = find_columns(
                 CollisionShapeBatch.from_compiled(poses[near], shapes),
                 is_upper=seen[near],
-                unit=self._unit_numbers(names),
+                tree=self._tree_numbers(names),
                 excluded=[(number[a], number[b]) for a, b in excluded if a in number and b in number],
             )
             lower = {ids[near[place]] for place in np.unique(columns.lower).tolist()} - set(resting)
@@ -978,13 +978,13 @@ class PhysicsModelBuilder:
         reach = radii + radii[rows, None]
         return np.asarray((np.einsum("lni,lni->ln", offsets, offsets) <= reach * reach).any(axis=0))
 
-    def _mass_centers(self, ids: Sequence[BodyId], unit: Indices, poses: Array) -> Array:
-        """The center of mass of each unit, k x 3 [m]."""
+    def _mass_centers(self, ids: Sequence[BodyId], tree: Indices, poses: Array) -> Array:
+        """The center of mass of each tree, k x 3 [m]."""
         masses = np.array([self.mass_properties.mass(id, is_dynamic=True) for id in ids])
         local = np.array([self.mass_properties.center_of_mass(id) for id in ids])
         moments = masses[:, None] * (poses[:, :3] + quat_rotate(poses[:, 3:], local))
-        totals = np.bincount(unit, weights=masses)
-        sums = [np.bincount(unit, weights=column) for column in moments.T]
+        totals = np.bincount(tree, weights=masses)
+        sums = [np.bincount(tree, weights=column) for column in moments.T]
         return np.asarray(np.stack(sums, axis=1) / np.maximum(totals, 1e-12)[:, None])
 
 

@@ -7,7 +7,7 @@ overlaps nothing; downward motion counts threefold, since what is below a suppor
 
 Bodies are placed one after the other, from the ground up and larger ones first, so that a stack is lifted as a whole.
 Fixed bodies, and loose ones that are already placed, are obstacles. Bodies connected by joints or attachments are one
-unit. A unit that would have to be moved by more than its own size stays where it is:
+tree. A tree that would have to be moved by more than its own size stays where it is:
 
 - of two loose bodies that stand inside each other, neither is the support of the other: they do not collide;
 - a body that is stuck in fixed ones is made static.
@@ -40,13 +40,13 @@ _MAX_LINE_STEPS = 24
 _CHEAP_SHIFT_M = 0.03
 """Below this shift, the pairwise way out is taken without a comparison with straight ways."""
 _MAX_FRACTION_OF_SIZE = 1.05
-"""Largest shift out of fixed bodies, relative to the extent of the unit along the shift."""
+"""Largest shift out of fixed bodies, relative to the extent of the tree along the shift."""
 _MAX_FRACTION_BESIDE = 0.5
 """The same out of loose bodies, sideways."""
 _MAX_FRACTION_ABOVE = 0.75
 """The same out of loose bodies, upward."""
 _LEVEL_M = 0.05
-"""Units whose lower sides differ by less are placed in the order of their volumes."""
+"""Trees whose lower sides differ by less are placed in the order of their volumes."""
 _WORLD_DIRECTIONS = np.array([(0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, -1)], dtype=np.float64)
 
 
@@ -57,10 +57,10 @@ class SettlingInput:
     ids: tuple[BodyId, ...]
     shapes: CollisionShapeBatch
     """Their collision shapes."""
-    unit: NDArray[np.intp]
-    """Number of each body's unit: bodies connected by attachments and joints."""
+    tree: NDArray[np.intp]
+    """Number of each body's tree: bodies connected by attachments and joints."""
     is_loose: NDArray[np.bool_]
-    """Whether nothing connects the body's unit with a fixed body."""
+    """Whether nothing connects the body's tree with a fixed body."""
     is_new: NDArray[np.bool_]
     """Whether the body was just added; others are moved only out of new bodies that are not loose."""
     is_ignored: NDArray[np.bool_]
@@ -90,7 +90,7 @@ def settle(settling_input: SettlingInput) -> Settlement:
 
 
 class _Settler:
-    """Places the units of one world."""
+    """Places the trees of one world."""
 
     def __init__(self, settling_input: SettlingInput) -> None:
         self._input = settling_input
@@ -104,67 +104,67 @@ class _Settler:
         self._first_low, self._first_high = self._low.copy(), self._high.copy()
         """Bounds of the shapes at the described poses."""
         self._carried: dict[int, Array] = {}
-        """Translations of units that stand on a moved one [m]."""
-        self._units = self._rows_by_unit()
+        """Translations of trees that stand on a moved one [m]."""
+        self._trees = self._rows_by_tree()
         self._result = Settlement()
 
     def run(self) -> Settlement:
-        pending = self._overlapping_units()
-        order = self._order(list(self._units))
+        pending = self._overlapping_trees()
+        order = self._order(list(self._trees))
         placed = ~self._input.is_loose | ~self._input.is_new
-        for unit in order:
-            rows = self._units[unit]
-            if unit in pending:
-                self._place(unit, placed, pending)
+        for tree in order:
+            rows = self._trees[tree]
+            if tree in pending:
+                self._place(tree, placed, pending)
             placed[rows] = True
         return self._result
 
-    def _rows_by_unit(self) -> dict[int, Indices]:
-        """The bodies of each loose unit."""
+    def _rows_by_tree(self) -> dict[int, Indices]:
+        """The bodies of each loose tree."""
         rows = np.flatnonzero(self._input.is_loose)
         if not len(rows):
             return {}
-        rows = rows[np.argsort(self._input.unit[rows], kind="stable")]
-        units, first = np.unique(self._input.unit[rows], return_index=True)
-        return dict(zip(units.tolist(), np.split(rows, first[1:]), strict=True))
+        rows = rows[np.argsort(self._input.tree[rows], kind="stable")]
+        trees, first = np.unique(self._input.tree[rows], return_index=True)
+        return dict(zip(trees.tolist(), np.split(rows, first[1:]), strict=True))
 
-    def _overlapping_units(self) -> set[int]:
-        """Units that have to be moved: the new ones, and others that a new fixed body was added to."""
+    def _overlapping_trees(self) -> set[int]:
+        """Trees that have to be moved: the new ones, and others that a new fixed body was added to."""
         pending = set()
         for a, b, _ in self._input.overlaps:
             for row, other in ((a, b), (b, a)):
                 is_hit = self._input.is_new[row] or not self._input.is_loose[other]
                 if self._input.is_loose[row] and is_hit:
-                    pending.add(int(self._input.unit[row]))
+                    pending.add(int(self._input.tree[row]))
         return pending
 
-    def _order(self, units: list[int]) -> list[int]:
+    def _order(self, trees: list[int]) -> list[int]:
         """Earlier bodies first, then from the ground up, then larger ones first."""
 
-        def key(unit: int) -> tuple[bool, float, float]:
-            shapes = self._shapes_of(self._units[unit])
+        def key(tree: int) -> tuple[bool, float, float]:
+            shapes = self._shapes_of(self._trees[tree])
             if not len(shapes):
                 return False, 0.0, 0.0
             low, high = self._low[shapes].min(axis=0), self._high[shapes].max(axis=0)
-            is_new = bool(self._input.is_new[self._units[unit]].any())
+            is_new = bool(self._input.is_new[self._trees[tree]].any())
             return is_new, float(np.floor(low[2] / _LEVEL_M)), -float(np.prod(high - low))
 
-        return sorted(units, key=key)
+        return sorted(trees, key=key)
 
     def _shapes_of(self, rows: Indices) -> Indices:
         first = self._input.shapes.first_shape
         ranges = [np.arange(first[row], first[row + 1]) for row in rows.tolist() if not self._input.is_ignored[row]]
         return np.concatenate(ranges) if ranges else np.zeros(0, dtype=np.intp)
 
-    # -- one unit ------------------------------------------------------------------------------------------------------
+    # -- one tree ------------------------------------------------------------------------------------------------------
 
-    def _place(self, unit: int, placed: NDArray[np.bool_], pending: set[int]) -> None:
-        """Moves a unit out of all placed bodies, or else records why it cannot be."""
-        rows = self._units[unit]
+    def _place(self, tree: int, placed: NDArray[np.bool_], pending: set[int]) -> None:
+        """Moves a tree out of all placed bodies, or else records why it cannot be."""
+        rows = self._trees[tree]
         own = self._shapes_of(rows)
         if not len(own):
             return
-        carried = self._carried.get(unit, np.zeros(3))
+        carried = self._carried.get(tree, np.zeros(3))
         self._apply(own, carried)
         is_obstacle = placed & ~self._input.is_ignored
         is_obstacle[rows] = False
@@ -188,7 +188,7 @@ class _Settler:
         elif np.any(shift + carried):
             self._result.shifts |= dict.fromkeys(rows.tolist(), shift + carried)
             self._note_shift(rows, hits, shift + carried)
-            pending |= self._units_in_the_way(own, placed)
+            pending |= self._trees_in_the_way(own, placed)
             if shift[2] + carried[2] > 0.0:
                 pending |= self._carry(own, shift + carried, placed)
 
@@ -200,7 +200,7 @@ class _Settler:
     def _way_out(
         self, own: Indices, is_obstacle: NDArray[np.bool_], extent: Array, *, beside: float, above: float
     ) -> Array | None:
-        """The least shift after which a unit overlaps no obstacle; None if it is too far."""
+        """The least shift after which a tree overlaps no obstacle; None if it is too far."""
         found = [shift for shift in [self._pairwise_way(own, is_obstacle)] if shift is not None]
         if not found or float(np.linalg.norm(found[0])) > _CHEAP_SHIFT_M:
             found += self._straight_ways(own, is_obstacle, extent)
@@ -242,7 +242,7 @@ class _Settler:
         return ways
 
     def _step_along(self, own: Indices, is_obstacle: NDArray[np.bool_], shift: Array, direction: Array) -> float:
-        """How far a shifted unit has to be moved on so that its present overlaps end; 0 if there are none."""
+        """How far a shifted tree has to be moved on so that its present overlaps end; 0 if there are none."""
         i, j = self._near(own, is_obstacle, shift)
         if not len(i):
             return 0.0
@@ -255,7 +255,7 @@ class _Settler:
         return float(along.max()) + _CONTACT_M / 10
 
     def _near(self, own: Indices, is_obstacle: NDArray[np.bool_], shift: Array) -> tuple[Indices, Indices]:
-        """Pairs of a unit's shapes and obstacles' shapes whose bounds overlap."""
+        """Pairs of a tree's shapes and obstacles' shapes whose bounds overlap."""
         low, high = self._low[own] + shift, self._high[own] + shift
         first, last = low.min(axis=0), high.max(axis=0)
         others = np.flatnonzero(is_obstacle[self._owner] & np.all((self._low < last) & (self._high > first), axis=1))
@@ -273,7 +273,7 @@ class _Settler:
     # -- decisions and notes -------------------------------------------------------------------------------------------
 
     def _hit_bodies(self, own: Indices, is_obstacle: NDArray[np.bool_]) -> list[int]:
-        """The bodies that a unit overlaps."""
+        """The bodies that a tree overlaps."""
         i, j = self._near(own, is_obstacle, np.zeros(3))
         if not len(i):
             return []
@@ -281,7 +281,7 @@ class _Settler:
         return list(dict.fromkeys(self._owner[j[distances.min(axis=1) > _CONTACT_M]].tolist()))
 
     def _exclude_nested(self, rows: Indices, own: Indices, placed: NDArray[np.bool_]) -> None:
-        """Excludes contact with the loose bodies that a unit still overlaps."""
+        """Excludes contact with the loose bodies that a tree still overlaps."""
         is_loose_obstacle = placed & self._input.is_loose & ~self._input.is_ignored
         is_loose_obstacle[rows] = False
         i, j = self._near(own, is_loose_obstacle, np.zeros(3))
@@ -293,7 +293,7 @@ class _Settler:
         self._result.nested_pairs += list(dict.fromkeys(pairs))
 
     def _carry(self, own: Indices, shift: Array, placed: NDArray[np.bool_]) -> set[int]:
-        """Translates what stands on a lifted unit with it; returns those units."""
+        """Translates what stands on a lifted tree with it; returns those trees."""
         found = set()
         for shape in own.tolist():
             gap = self._first_low[:, 2] - self._first_high[shape, 2]
@@ -301,16 +301,16 @@ class _Settler:
                 self._first_high[:, :2] > self._first_low[shape, :2]
             )
             stands = (np.abs(gap) <= KEPT_POSE_TOLERANCE_M) & is_over.all(axis=1)
-            found |= set(self._input.unit[self._owner[stands & ~placed[self._owner]]].tolist())
-        carried = {unit for unit in found if unit in self._units and unit not in self._carried}
-        self._carried |= dict.fromkeys(carried - {int(self._input.unit[self._owner[own[0]]])}, shift)
+            found |= set(self._input.tree[self._owner[stands & ~placed[self._owner]]].tolist())
+        carried = {tree for tree in found if tree in self._trees and tree not in self._carried}
+        self._carried |= dict.fromkeys(carried - {int(self._input.tree[self._owner[own[0]]])}, shift)
         return carried
 
-    def _units_in_the_way(self, own: Indices, placed: NDArray[np.bool_]) -> set[int]:
-        """Units that are not placed yet, and that a moved one may overlap now."""
+    def _trees_in_the_way(self, own: Indices, placed: NDArray[np.bool_]) -> set[int]:
+        """Trees that are not placed yet, and that a moved one may overlap now."""
         first, last = self._low[own].min(axis=0), self._high[own].max(axis=0)
         meets = np.all((self._low < last) & (self._high > first), axis=1) & ~placed[self._owner]
-        return set(self._input.unit[self._owner[meets]].tolist())
+        return set(self._input.tree[self._owner[meets]].tolist())
 
     def _note_shift(self, rows: Indices, hits: Sequence[int], shift: Array) -> None:
         distance_mm = float(np.linalg.norm(shift)) * 1000

@@ -18,7 +18,7 @@ from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.history import EventFilter, History, PastEvent, WorldState
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.queries.spatial import ContainerFinder, OpenState, find_openings
+from mindstage.knowledge.queries.spatial import ContainerFinder, OpenState, find_articulated_parts
 from mindstage.knowledge.questions import (
     AnswerRow,
     AskedArguments,
@@ -180,7 +180,7 @@ class HeldRelation(StrEnum):
     ATTACHED = "attached"
     """The first body is attached to the second one."""
     OPEN = "open"
-    """The door, drawer or lid `b` of the container `a` is open, as `openings` measures it."""
+    """The door, drawer or lid `b` of the container `a` is open, as `articulated_parts` measures it."""
     CLOSED = "closed"
 
 
@@ -264,10 +264,10 @@ def _held(
         if not _OPENNESS.isdisjoint(wanted):
             if finder is None or finder[0] != state.spawned:
                 finder = state.spawned, ContainerFinder(kb, state.spawned)
-            for row in find_openings(kb, state, b, finder[1]):
+            for row in find_articulated_parts(kb, state, b, finder[1]):
                 kind = HeldRelation.OPEN if row.state is OpenState.OPEN else HeldRelation.CLOSED
                 if kind in wanted and a in {None, row.thing}:
-                    facts.append((kind, row.thing, row.front))
+                    facts.append((kind, row.thing, row.part))
         found.add(begin, facts)
     last = found.current
     return found.finish(history.end_s), last

@@ -1,4 +1,4 @@
-"""Questions that imagine doors, drawers and vessels: how far a front opens, with what force, and when liquid spills."""
+"""Questions that imagine doors, drawers and vessels: how far a part opens, with what force, and when liquid spills."""
 
 from __future__ import annotations
 
@@ -60,23 +60,23 @@ from mindstage.simulation import Simulation
 from mindstage.simulation.interaction import SpringPerturbation
 from mindstage.simulation.joint_motion import SimulationJoint
 
-__all__ = ["FrontRow", "PullRow", "SpillRow", "can_open", "reachable_by_pull", "would_spill"]
+__all__ = ["OpenableRow", "PullRow", "SpillRow", "can_open", "reachable_by_pull", "would_spill"]
 
 _OPEN_SHARE = 0.95
-"""A front is open if it is at least so far open."""
+"""A part is open if it is at least so far open."""
 _SHUT_SHARE = 0.02
-"""A front is shut if it is less far open."""
+"""A part is shut if it is less far open."""
 _PROBE_S = 0.05
 _PULL_STEP_S = 0.04
 _PULL_LIMIT_S = 4.0
 _FORCE_ACCURACY = 1.1
-"""The ratio of the smallest force that opens a front to the largest that does not."""
+"""The ratio of the smallest force that opens a part to the largest that does not."""
 _MIN_FORCE_N = 0.5
 _HEADINGS = 8
 _TILTS_DEG = tuple(range(0, 95, 5))
 
 
-# -- fronts ----------------------------------------------------------------------------------------------------------
+# -- articulated parts -----------------------------------------------------------------------------------------------
 
 
 def _group(copy: Simulation, id: BodyId) -> frozenset[BodyId]:
@@ -94,7 +94,7 @@ def _group(copy: Simulation, id: BodyId) -> frozenset[BodyId]:
 
 
 def _direction(joint: SimulationJoint, point: Array, target: float) -> tuple[Array, Array]:
-    """A point of the front in the world [m], and the unit vector in which it moves towards a position."""
+    """A point of the part in the world [m], and the unit vector in which it moves towards a position."""
     now = joint.position
     step = math.copysign(1e-3, target - now)
     here, there = normalized_pose_array(joint.pose_at(now)), normalized_pose_array(joint.pose_at(now + step))
@@ -104,7 +104,7 @@ def _direction(joint: SimulationJoint, point: Array, target: float) -> tuple[Arr
 
 
 def _farthest_point(copy: Simulation, joint: SimulationJoint, target: float) -> Array:
-    """The point of a front, in its frame, that moves most: the center of a side of its box [m]."""
+    """The point of a part, in its frame, that moves most: the center of a side of its box [m]."""
     body = copy.snapshot().body(joint.body)
     half = np.asarray(body.size or (0.0, 0.0, 0.0)) / 2
     candidates = [sign * half * axis for axis in np.eye(3) for sign in (-1.0, 1.0)]
@@ -118,7 +118,7 @@ def _farthest_point(copy: Simulation, joint: SimulationJoint, target: float) -> 
 
 
 def _obstacles(copy: Simulation, joint: SimulationJoint, target: float, force_n: float) -> tuple[BodyId | None, ...]:
-    """What a front is pressed against if it is pushed on towards a position; None is the ground. Strongest first."""
+    """What a part is pressed against if it is pushed on towards a position; None is the ground. Strongest first."""
     if Capability.CONTACTS not in copy.capabilities:
         return ()
     point, group = _farthest_point(copy, joint, target), _group(copy, joint.body)
@@ -143,7 +143,7 @@ def _apply_force(id: BodyId, force: Vector, at: Vector, engine: Engine) -> None:
 
 
 def _velocity(joint: SimulationJoint, position: Array, target: float) -> Array:
-    """The unit vector in which the point of the front at a position of the world moves [m]."""
+    """The unit vector in which the point of the part at a position of the world moves [m]."""
     pose = normalized_pose_array(joint.pose_at(joint.position))
     return _direction(joint, quat_rotate(pose_inverse(pose)[3:], position - pose[:3]), target)[1]
 
@@ -152,12 +152,12 @@ def _name(scene: ImaginedScene, id: BodyId | None) -> str:
     return "the ground" if id is None else local_name(scene.iri(id))
 
 
-class FrontRow(AnswerRow, frozen=True, kw_only=True):
+class OpenableRow(AnswerRow, frozen=True, kw_only=True):
     """A door, drawer or lid that can be opened."""
 
     thing: IndividualName
     """What was asked about."""
-    front: IndividualName
+    part: IndividualName
     """What moves."""
     share: float
     """How far it opens, from 0 to 1 of its range, in the typical sample."""
@@ -198,12 +198,12 @@ def can_open(
     map: MapName | None = None,
     *,
     present: StateAccess,
-) -> Iterator[FrontRow]:
+) -> Iterator[OpenableRow]:
     """How far a door, drawer or lid opens until something is in the way, and what that is.
 
     `thing` is what moves, its handle, its joint, or a piece of furniture with doors or drawers. It is pulled with the
     force of an arm (150 N at most), to its limit or to a share of its range. What does not open at all is no answer.
-    For `uncertainty`, which is that of the front, see `stays`; "joint_friction=0.3" varies the friction of its joint.
+    For `uncertainty`, which is that of the part, see `stays`; "joint_friction=0.3" varies the friction of its joint.
 
     Examples:
         can_open fridge
@@ -212,17 +212,17 @@ def can_open(
         return
     fraction = 1.0 if to_share is None else to_share
     for scene in imagined_scenes(kb, present, map, thing):
-        for joint in scene.fronts(thing):
+        for joint in scene.joints_of_part(thing):
             moving = scene.moving_body(joint)
             plan = Plan(steps=(Open(thing=joint.id, fraction=fraction),), forbid=())
             plan = msgspec.structs.replace(plan, uncertainty=parse_uncertainty(moving, uncertainty))
-            judge = partial(_judge_front, scene=scene, joint=joint, fraction=fraction)
+            judge = partial(_judge_opening, scene=scene, joint=joint, fraction=fraction)
             trials = run_trials(scene, plan, judge, samples=samples, seed=seed)[moving]
             facts = trials.typical.facts
             if facts["share"] >= _SHUT_SHARE:
-                yield FrontRow(
+                yield OpenableRow(
                     thing=thing,
-                    front=scene.iri(moving),
+                    part=scene.iri(moving),
                     share=round(facts["share"], 4),
                     way=round(facts["way"], 4),
                     unit=facts["unit"],
@@ -238,7 +238,7 @@ def can_open(
                 remember(present, thing, trials)
 
 
-def _judge_front(
+def _judge_opening(
     copy: Simulation, result: SampleResult, *, scene: ImaginedScene, joint: Joint, fraction: float
 ) -> dict[BodyId, Trial]:
     moved = scene.moving_body(joint)
@@ -266,24 +266,24 @@ def _arm_force_n() -> float:
 
 
 @can_open.explain
-def _explain_front(kb: QuestionContext, row: FrontRow) -> Iterator[str]:
-    yield f"{local_name(row.front)}: {row.why}"
+def _explain_openable(kb: QuestionContext, row: OpenableRow) -> Iterator[str]:
+    yield f"{local_name(row.part)}: {row.why}"
     yield f"tried in {row.source}"
 
 
 @can_open.missing
-def _missing_front(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+def _missing_openable(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     if asked.thing is None:
-        yield missing_arguments("give thing: all doors and drawers are not pulled; openings lists them")
+        yield missing_arguments("give thing: all doors and drawers are not pulled; articulated_parts lists them")
         return
-    yield from _missing_fronts(kb, asked.present, asked.thing, asked.map)
+    yield from _missing_parts(kb, asked.present, asked.thing, asked.map)
 
 
-def _missing_fronts(
+def _missing_parts(
     kb: QuestionContext, present: StateAccess, thing: Iri, map: Iri | None
 ) -> Iterator[MissingKnowledge]:
     scenes = list(imagined_scenes(kb, present, map, thing))
-    if scenes and not any(scene.fronts(thing) for scene in scenes):
+    if scenes and not any(scene.joints_of_part(thing) for scene in scenes):
         with kb.lock:
             cls = kb.reasoner.class_of(thing) or THING
         claims = body_claims((thing,), present.states(map), map)
@@ -303,7 +303,7 @@ class PullRow(AnswerRow, frozen=True, kw_only=True):
     """A door or drawer that a pull at its handle opens."""
 
     handle: IndividualName
-    front: IndividualName
+    part: IndividualName
     """What it opens."""
     share: float
     """How far it opens, from 0 to 1 of its range."""
@@ -341,8 +341,8 @@ def reachable_by_pull(
     """Whether a pull at a handle opens its door or drawer, how far, and with what force.
 
     A constant force acts at the center of the handle, always along its path, for up to 4 s. Of the forces up to
-    `max_force_n` (150 N if it is left out, that of an arm) the smallest is searched that opens the front by 95 % of its
-    range, or as far as the largest does. For `uncertainty`, which is that of the front, see `stays`.
+    `max_force_n` (150 N if it is left out, that of an arm) the smallest is searched that opens the part by 95 % of its
+    range, or as far as the largest does. For `uncertainty`, which is that of the part, see `stays`.
 
     Examples:
         reachable_by_pull drawer_left_1_handle max_force_n=20
@@ -351,7 +351,7 @@ def reachable_by_pull(
         return
     limit_n = _arm_force_n() if max_force_n is None else max_force_n
     for scene in imagined_scenes(kb, present, map, handle):
-        for joint in scene.fronts(handle) if handle in scene.bodies else ():
+        for joint in scene.joints_of_part(handle) if handle in scene.bodies else ():
             moving = scene.moving_body(joint)
             plan = Plan(steps=(Wait(duration_s=0.01),), forbid=(), uncertainty=parse_uncertainty(moving, uncertainty))
             judge = partial(_judge_pull, scene=scene, joint=joint, handle=scene.bodies[handle], limit_n=limit_n)
@@ -359,7 +359,7 @@ def reachable_by_pull(
             if is_probable(trials, None):
                 yield PullRow(
                     handle=handle,
-                    front=scene.iri(moving),
+                    part=scene.iri(moving),
                     share=round(trials.typical.facts["share"], 4),
                     force_n=round(trials.typical.facts["force_n"], 2),
                     probability=trials.probability or 0.0,
@@ -407,22 +407,22 @@ def _judge_pull(
 def _pull_constantly(
     copy: Simulation, joint: Joint, handle: Body, force_n: float
 ) -> tuple[float, tuple[BodyId | None, ...]]:
-    """How far a front is open after a constant force at its handle, and what is in the way if it is not open."""
-    front = copy.joint(joint.id)
-    target, best, still = front.open_position, 0.0, 0
-    pose = normalized_pose_array(front.pose_at(front.position))
+    """How far a part is open after a constant force at its handle, and what is in the way if it is not open."""
+    part = copy.joint(joint.id)
+    target, best, still = part.open_position, 0.0, 0
+    pose = normalized_pose_array(part.pose_at(part.position))
     point = quat_rotate(pose_inverse(pose)[3:], body_pose(copy, handle.id)[:3] - pose[:3])
     for _ in range(round(_PULL_LIMIT_S / _PULL_STEP_S)):
-        before = front.position
-        start, direction = _direction(front, point, target)
+        before = part.position
+        start, direction = _direction(part, point, target)
         force, at = tuple((force_n * direction).tolist()), tuple(start.tolist())
-        copy.run_on_engine(partial(_apply_force, front.body, force, at), label="pull")
+        copy.run_on_engine(partial(_apply_force, part.body, force, at), label="pull")
         copy.step(_PULL_STEP_S)
-        best = max(best, front.openness)
-        still = still + 1 if abs(front.position - before) < 1e-5 else 0
+        best = max(best, part.openness)
+        still = still + 1 if abs(part.position - before) < 1e-5 else 0
         if best >= _OPEN_SHARE or still >= 10:
             break
-    obstacles = () if best >= _OPEN_SHARE else _obstacles(copy, front, target, force_n)
+    obstacles = () if best >= _OPEN_SHARE else _obstacles(copy, part, target, force_n)
     return best, obstacles
 
 
@@ -437,7 +437,7 @@ def _missing_pull(kb: QuestionContext, asked: AskedArguments) -> Iterator[Missin
     if asked.handle is None:
         yield missing_arguments("give handle: all handles are not pulled")
         return
-    yield from _missing_fronts(kb, asked.present, asked.handle, asked.map)
+    yield from _missing_parts(kb, asked.present, asked.handle, asked.map)
 
 
 # -- vessels ---------------------------------------------------------------------------------------------------------

@@ -58,7 +58,7 @@ class ImaginedEvent(msgspec.Struct, frozen=True, kw_only=True):
     step: int | None = None
     """Index of the step during which it happened; None after the last one."""
     amount: float | None = None
-    """How far it fell [m], tipped [rad], or how open a front was (0 to 1)."""
+    """How far it fell [m], tipped [rad], or how open an articulated part was (0 to 1)."""
 
 
 class SampleResult(msgspec.Struct, frozen=True, kw_only=True):

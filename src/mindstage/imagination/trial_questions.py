@@ -19,7 +19,7 @@ import numpy as np
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.imagination.articulation_questions import (
-    FrontRow,
+    OpenableRow,
     PullRow,
     SpillRow,
     can_open,
@@ -73,7 +73,7 @@ from mindstage.simulation import Simulation
 
 __all__ = [
     "AnswerField",
-    "FrontRow",
+    "OpenableRow",
     "PlacementRow",
     "PullRow",
     "SpillRow",

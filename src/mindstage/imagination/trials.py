@@ -109,7 +109,7 @@ class ImaginedScene:
         """The map that a body came from."""
         return self.state.map_of_body().get(id, self.map)
 
-    def fronts(self, iri: Iri | None) -> tuple[Joint, ...]:
+    def joints_of_part(self, iri: Iri | None) -> tuple[Joint, ...]:
         """The joints that move a body or are that joint; those of its doors and drawers if it has none; or all.
 
         Those of robots are left out.
@@ -405,8 +405,8 @@ def tilt_between(before: Array, after: Array) -> float:
 _ARTICLES = re.compile(r"\b(?:the|a|an)\s+", re.IGNORECASE)
 _CLAUSES = re.compile(r"\s*(?:;|,?\s*\band then\b|,?\s*\bthen\b|\n)\s*", re.IGNORECASE)
 _WORDED_STEPS = (
-    (re.compile(r"(?:open|pull open)\s+(?P<front>.+?)(?:\s+(?:by|to)\s+(?P<percent>[\d.]+)\s*%)?$", re.I), "open"),
-    (re.compile(r"(?:close|shut)\s+(?P<front>.+)$", re.I), "close"),
+    (re.compile(r"(?:open|pull open)\s+(?P<part>.+?)(?:\s+(?:by|to)\s+(?P<percent>[\d.]+)\s*%)?$", re.I), "open"),
+    (re.compile(r"(?:close|shut)\s+(?P<part>.+)$", re.I), "close"),
     (re.compile(r"(?:place|put|set)\s+(?P<thing>.+?)\s+(?P<how>on|onto|in|into)\s+(?P<holder>.+)$", re.I), "place"),
     (re.compile(r"wait\s+(?:for\s+)?(?P<duration>[\d.]+)\s*(?:s|sec|seconds?)?$", re.I), "wait"),
     (re.compile(r"attach\s+(?P<child>.+?)\s+to\s+(?P<parent>.+)$", re.I), "attach"),
@@ -417,7 +417,7 @@ _WORDED_STEPS = (
 def parse_edit(kb: QuestionContext, scene: ImaginedScene, text: str, *, wait_s: float) -> Plan:
     """The plan that a text describes: a plan, a step or a list of steps as JSON or YAML, or words.
 
-    Words are "open FRONT [to 50 %]", "close FRONT", "put THING on|in HOLDER", "wait 2 s", "attach CHILD to PARENT" and
+    Words are "open PART [to 50 %]", "close PART", "put THING on|in HOLDER", "wait 2 s", "attach CHILD to PARENT" and
     "detach CHILD", several of them separated by "then" or ";". Things are named as in questions.
 
     Args:
@@ -470,10 +470,10 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
     words = match.groupdict()
     match kind:
         case "open" | "close":
-            front = _find(kb, scene, words["front"])
-            joints = scene.fronts(front)
+            part = _find(kb, scene, words["part"])
+            joints = scene.joints_of_part(part)
             if not joints:
-                raise InvalidArgumentError("edit", cause=f"{local_name(front)} is no door or drawer, and has none")
+                raise InvalidArgumentError("edit", cause=f"{local_name(part)} is no door or drawer, and has none")
             fraction = min(1.0, float(words.get("percent") or 100.0) / 100.0)
             for joint in joints:
                 yield Open(thing=joint.id, fraction=fraction) if kind == "open" else Close(thing=joint.id)

@@ -393,7 +393,7 @@ class SparqlEndpointStore:
             raise SparqlTimeoutError(timeout_s=timeout_s)
         if present is not None:
             cause = f"{self._endpoint} evaluates it, and does not contain the current state or episodes"
-            remedy = "use the questions pose_of, where_is and openings, or load the map here"
+            remedy = "use the questions pose_of, where_is and articulated_parts, or load the map here"
             raise SparqlSyntaxError(cause, remedy=remedy)
         if not allow_service:
             self._require_no_fetching(query, timeout_s)

@@ -155,8 +155,8 @@ class SkillTask:
     def _openness(self) -> dict[BodyId, float]:
         if not self.opened:
             return {}
-        openings = self.surroundings().openings()
-        return {each.front: round(each.openness, 3) for each in openings if each.front in self.opened}
+        parts = self.surroundings().articulated_parts()
+        return {each.id: round(each.openness, 3) for each in parts if each.id in self.opened}
 
     def _report(self, index: int) -> None:
         if self._on_step is not None:

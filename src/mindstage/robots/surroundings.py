@@ -20,7 +20,7 @@ from mindstage.scene.geometry import BodyGeometry
 from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 
-__all__ = ["Opening", "Surroundings"]
+__all__ = ["ArticulatedPart", "Surroundings"]
 
 _RELATIONS = {True: "into", False: "onto"}
 _CLOSED_SHARE = 0.05
@@ -29,10 +29,10 @@ _TOP_WIDTH_M, _TOP_HEIGHTS_M = 0.25, (0.4, 1.2)
 """Least width, and least and largest height, of a top on which things are set aside."""
 
 
-class Opening(msgspec.Struct, frozen=True, eq=False, kw_only=True):
+class ArticulatedPart(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     """A door, drawer or lid."""
 
-    front: BodyId
+    id: BodyId
     container: BodyId
     joint: SimulationJoint
     handle: BodyId | None
@@ -64,7 +64,7 @@ class Surroundings:
         self.world: World = session.snapshot()
         self._bodies = {body.id: body for body in self.world.bodies if body.id not in self._ignored}
         self._by_iri = {body.iri: body.id for body in self._bodies.values()}
-        self._openings: tuple[Opening, ...] | None = None
+        self._articulated_parts: tuple[ArticulatedPart, ...] | None = None
 
     # -- bodies ------------------------------------------------------------------------------------------------------
 
@@ -155,44 +155,44 @@ class Surroundings:
 
     # -- doors and drawers -------------------------------------------------------------------------------------------
 
-    def openings(self) -> tuple[Opening, ...]:
+    def articulated_parts(self) -> tuple[ArticulatedPart, ...]:
         """All doors, drawers and lids."""
-        if self._openings is None:
-            self._openings = tuple(self._find_openings())
-        return self._openings
+        if self._articulated_parts is None:
+            self._articulated_parts = tuple(self._find_articulated_parts())
+        return self._articulated_parts
 
-    def openings_of(self, thing: BodyId) -> list[Opening]:
+    def articulated_parts_of(self, thing: BodyId) -> list[ArticulatedPart]:
         """The doors and drawers that a name stands for: itself, that of a handle, or all of a container."""
-        own = [each for each in self.openings() if thing in {each.front, each.handle}]
-        return own or [each for each in self.openings() if each.container == thing]
+        own = [each for each in self.articulated_parts() if thing in {each.id, each.handle}]
+        return own or [each for each in self.articulated_parts() if each.container == thing]
 
-    def opening(self, thing: BodyId) -> Opening:
+    def articulated_part(self, thing: BodyId) -> ArticulatedPart:
         """The only door or drawer that a name stands for.
 
         Raises:
             NameNotFoundError: it has none.
             AmbiguousNameError: it has several.
         """
-        found = self.openings_of(thing)
+        found = self.articulated_parts_of(thing)
         if not found:
-            fronts = [each.front for each in self.openings()]
-            raise NameNotFoundError(thing, entity_type="door or drawer", known=fronts)
+            known = [each.id for each in self.articulated_parts()]
+            raise NameNotFoundError(thing, entity_type="door or drawer", known=known)
         if len(found) > 1:
-            raise AmbiguousNameError(thing, entity_type="door or drawer", candidates=[each.front for each in found])
+            raise AmbiguousNameError(thing, entity_type="door or drawer", candidates=[each.id for each in found])
         return found[0]
 
-    def _find_openings(self) -> Iterator[Opening]:
-        for row in self._session.ask("openings"):
-            front, container = self._by_iri.get(row.front), self._by_iri.get(row.thing)
-            if front is None or container is None:
+    def _find_articulated_parts(self) -> Iterator[ArticulatedPart]:
+        for row in self._session.ask("articulated_parts"):
+            id, container = self._by_iri.get(row.part), self._by_iri.get(row.thing)
+            if id is None or container is None:
                 continue
-            joint = find_joint(self._session, front)
+            joint = find_joint(self._session, id)
             if row.share is not None:
-                yield Opening(front=front, container=container, joint=joint, handle=self._handle_of(front))
+                yield ArticulatedPart(id=id, container=container, joint=joint, handle=self._handle_of(id))
 
-    def _handle_of(self, front: BodyId) -> BodyId | None:
-        """The handle of a front; of several, the one that is largest."""
-        rows = self._session.ask("handle_of", individual=self._bodies[front].iri)
+    def _handle_of(self, part: BodyId) -> BodyId | None:
+        """The handle of a part; of several, the one that is largest."""
+        rows = self._session.ask("handle_of", individual=self._bodies[part].iri)
         handles = [self._by_iri[row.handle] for row in rows if row.handle in self._by_iri]
         return max(handles, key=lambda each: float(np.prod(self._bodies[each].size or (0.0,))), default=None)
 
@@ -204,51 +204,53 @@ class Surroundings:
         found = [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
         return sorted(dict.fromkeys(found), key=lambda each: float(np.prod(self._bodies[each].size or (np.inf,))))
 
-    def in_front_of(self, thing: BodyId) -> list[Opening]:
+    def in_front_of(self, thing: BodyId) -> list[ArticulatedPart]:
         """The doors or drawers that have to be open to get to a thing, open or not."""
-        return self._fronts(self.containers_of(thing), self.pose(thing)[:3])
+        return self._parts_before(self.containers_of(thing), self.pose(thing)[:3])
 
-    def closed_in_front_of(self, thing: BodyId) -> list[Opening]:
+    def closed_in_front_of(self, thing: BodyId) -> list[ArticulatedPart]:
         """The closed doors or drawers that have to be opened to get to a thing."""
         return [each for each in self.in_front_of(thing) if each.is_closed]
 
-    def closed_on(self, holder: BodyId, point: Array | None = None) -> list[Opening]:
+    def closed_on(self, holder: BodyId, point: Array | None = None) -> list[ArticulatedPart]:
         """The closed doors or drawers that have to be opened to put something into a container.
 
         Args:
             holder: the container, or a drawer.
             point: where in it, in the world frame [m]; None for anywhere.
         """
-        own = [each for each in self.openings() if each.front == holder]
+        own = [each for each in self.articulated_parts() if each.id == holder]
         if own:
             return [each for each in own if each.is_closed]
-        fronts = self._fronts([holder], self.pose(holder)[:3] if point is None else point)
-        return [each for each in fronts if each.is_closed]
+        parts = self._parts_before([holder], self.pose(holder)[:3] if point is None else point)
+        return [each for each in parts if each.is_closed]
 
-    def _fronts(self, containers: Sequence[BodyId], point: Array) -> list[Opening]:
-        """The fronts of containers; of several doors of one, that which is in front of the point."""
-        found: dict[BodyId, Opening] = {}
+    def _parts_before(self, containers: Sequence[BodyId], point: Array) -> list[ArticulatedPart]:
+        """The articulated parts of containers; of several doors of one, that which is in front of the point."""
+        found: dict[BodyId, ArticulatedPart] = {}
         for container in containers:
-            drawers = [each for each in self.openings() if each.front == container]
-            if drawers:  # the other fronts of its furniture do not close a drawer
+            drawers = [each for each in self.articulated_parts() if each.id == container]
+            if drawers:  # the other doors of its furniture do not close a drawer
                 return drawers
-            doors = [each for each in self.openings() if each.container == container and not each.joint.is_prismatic]
+            doors = [
+                each for each in self.articulated_parts() if each.container == container and not each.joint.is_prismatic
+            ]
             if doors:
                 nearest = min(doors, key=lambda each: self._offset(each, point))
-                found[nearest.front] = nearest
+                found[nearest.id] = nearest
         return list(found.values())
 
-    def _offset(self, opening: Opening, point: Array) -> float:
-        """The distance of a point from the middle of a closed front, in the plane of the front [m]."""
-        front = np.concatenate(
+    def _offset(self, part: ArticulatedPart, point: Array) -> float:
+        """The distance of a point from the middle of a closed part, in its plane [m]."""
+        closed = np.concatenate(
             [
-                np.asarray(opening.joint.pose_at(opening.joint.closed_position).position),
-                np.asarray(opening.joint.pose_at(opening.joint.closed_position).quaternion),
+                np.asarray(part.joint.pose_at(part.joint.closed_position).position),
+                np.asarray(part.joint.pose_at(part.joint.closed_position).quaternion),
             ]
         )
-        front[3:] = normalize(front[3:])
-        local = pose_multiply(pose_inverse(front), np.array([*point, 1.0, 0.0, 0.0, 0.0]))[:3]
-        size = np.asarray(self.body(opening.front).size or (0.0, 0.0, 0.0))
+        closed[3:] = normalize(closed[3:])
+        local = pose_multiply(pose_inverse(closed), np.array([*point, 1.0, 0.0, 0.0, 0.0]))[:3]
+        size = np.asarray(self.body(part.id).size or (0.0, 0.0, 0.0))
         across = [axis for axis in range(3) if axis != int(np.argmin(size))]
         return float(np.linalg.norm(local[across]))
 

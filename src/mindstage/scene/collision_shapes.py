@@ -72,14 +72,14 @@ class HollowBox:
     """The open sides, in words."""
 
 
-def hollow_box(boxes: OrientedBoxes, outer: int, inner: Sequence[int], fronts: Sequence[Array]) -> HollowBox:
+def hollow_box(boxes: OrientedBoxes, outer: int, inner: Sequence[int], parts: Sequence[Array]) -> HollowBox:
     """Computes walls, an opening and floors for a box with contents.
 
     Args:
         boxes: all boxes.
         outer: index of the box to make hollow.
         inner: indices of its contents.
-        fronts: centers of doors and drawers in the world frame [m]; each opens the side that it is nearest to. Without
+        parts: centers of doors and drawers in the world frame [m]; each opens the side that it is nearest to. Without
             any, the top is open.
     """
     half, rotation = boxes.half_extents[outer], boxes.rotation[outer]
@@ -87,7 +87,7 @@ def hollow_box(boxes: OrientedBoxes, outer: int, inner: Sequence[int], fronts: S
     up = rotation[2].tolist()
     up_axis = max(range(3), key=lambda axis: abs(up[axis]))
     top = 2 * up_axis + (1 if up[up_axis] > 0 else 0)
-    sides = {_side_towards((front - boxes.center[outer]) @ rotation, half) for front in fronts} - {top ^ 1}
+    sides = {_side_towards((part - boxes.center[outer]) @ rotation, half) for part in parts} - {top ^ 1}
     opening = sides or {top}
     interior = _interior(half, low, high)
     half_extents: list[float] = half.tolist()

@@ -355,7 +355,7 @@ def _clock_message(snapshot: StateSnapshot) -> ClockMessage:
         real_time_factor=round(snapshot.real_time_factor, 2),
         bodies=len(snapshot.ids),
         fault=without_paths(snapshot.error),
-        expected_rebuild_s=round(snapshot.expected_rebuild_s, 2),
+        expected_rebuild_s=round(snapshot.expected_rebuild_s, 6),
     )
 
 

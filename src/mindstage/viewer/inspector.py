@@ -469,7 +469,7 @@ class TourState(msgspec.Struct, frozen=True, kw_only=True):
 
     camera: tuple[Vector, Vector] | None
     """Where the camera of the page is, and what it looks at [m]; None without a 3D view."""
-    front: BodyId | None
+    part: BodyId | None
     """The door that the tour opens: that of a refrigerator, or else any door or drawer; None if there is none."""
     openness: float
     """How far it is open: 0 is closed, 1 open."""
@@ -492,21 +492,21 @@ class TourHandler:
             camera: returns where the camera of a session is, and what it looks at.
         """
         self._simulation, self._camera = simulation, camera
-        self._front: tuple[object, BodyId | None] = (None, None)
+        self._refrigerator_door: tuple[object, BodyId | None] = (None, None)
         channel.register("tour.state", EmptyRequest, self._state, READ, queue="status")
 
     def _state(self, session: ClientSession, _: EmptyRequest) -> TourState:
-        front, openness = self._find_front(), 0.0
-        if front is not None:
+        part, openness = self._find_refrigerator_door(), 0.0
+        if part is not None:
             try:
-                openness = self._simulation.joint(front).openness
+                openness = self._simulation.joint(part).openness
             except MindstageError:
-                front = None  # deleted in the meantime
-        return TourState(camera=self._camera(session), front=front, openness=openness)
+                part = None  # deleted in the meantime
+        return TourState(camera=self._camera(session), part=part, openness=openness)
 
-    def _find_front(self) -> BodyId | None:
+    def _find_refrigerator_door(self) -> BodyId | None:
         ids = self._simulation.state.ids
-        if self._front[0] is not ids:
+        if self._refrigerator_door[0] is not ids:
             worlds = self._simulation.worlds
             joints = [joint for world in worlds for joint in world.joints]
             joints = [joint for joint in joints if any(reach != 0.0 for reach in joint_reach(joint))]
@@ -515,9 +515,9 @@ class TourHandler:
             refrigerators = {id for id, cls in classes.items() if self._is_refrigerator(cls)}
             joints.sort(key=lambda joint: not {joint.parent, joint.child} & refrigerators)
             first = next(iter(joints), None)
-            front = None if first is None else first.parent if first.child in refrigerators else first.child
-            self._front = (ids, front)
-        return self._front[1]
+            part = None if first is None else first.parent if first.child in refrigerators else first.child
+            self._refrigerator_door = (ids, part)
+        return self._refrigerator_door[1]
 
     def _is_refrigerator(self, cls: Iri) -> bool:
         return any(local_name(each) == "Refrigerator" for each in (cls, *self._simulation.knowledge.ancestors(cls)))

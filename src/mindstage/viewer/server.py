@@ -636,7 +636,7 @@ class RpcChannel:
                     return result
                 answer: dict[str, object] = {"id": request.id, "result": result}
                 if method.policy.cost in (Cost.EDIT, Cost.FILE):
-                    answer["expected_rebuild_s"] = round(self._expected_rebuild_s(), 3)
+                    answer["expected_rebuild_s"] = round(self._expected_rebuild_s(), 6)
                 return encode_json(answer)
         except MindstageError as error:
             return _error_message(

@@ -66,7 +66,13 @@ if TYPE_CHECKING:
         is_between,
         nearest,
     )
-    from mindstage.knowledge.queries.spatial import JointOpenness, OpenState, SpatialRelationRow, openings, where_is
+    from mindstage.knowledge.queries.spatial import (
+        JointOpenness,
+        OpenState,
+        SpatialRelationRow,
+        articulated_parts,
+        where_is,
+    )
     from mindstage.knowledge.queries.storage import (
         ActionDevice,
         ActionDeviceInMap,
@@ -171,6 +177,7 @@ __all__ = [
     "VisibilityRow",
     "analyze",
     "answers_to_builtins",
+    "articulated_parts",
     "can_hold_liquid",
     "cell_text",
     "class_properties",
@@ -194,7 +201,6 @@ __all__ = [
     "maps",
     "misplaced",
     "nearest",
-    "openings",
     "part_of",
     "path",
     "pose_of",

@@ -632,7 +632,7 @@ def states(
     those with the properties ms:state and knowrob:stateOfObject or subproperties of them. ms:state takes any word:
     `tell("stove", "state", "on")`. A state holds until it is retracted; what can be measured, such as whether a drawer
     is
-    open, is answered by `openings` and `where_is`.
+    open, is answered by `articulated_parts` and `where_is`.
 
     Examples:
         states

@@ -40,10 +40,10 @@ __all__ = [
     "JointOpenness",
     "OpenState",
     "SpatialRelationRow",
+    "articulated_parts",
     "body_claims",
-    "find_openings",
+    "find_articulated_parts",
     "missing_pose",
-    "openings",
     "where_is",
 ]
 
@@ -54,7 +54,7 @@ _SIZE_PROPERTY = knowrob("depthOfObject")
 _OPEN_FRACTION = 0.05
 _OPEN_M, _OPEN_RAD = 0.02, 0.1
 """For joints without limits."""
-_FRONT_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
+_PART_CLASSES = (knowrob("PortalCovering"), knowrob("StorageConstruct"))
 _CONTAINER = knowrob("Container")
 _HANDLE, _DRAWER = knowrob("Handle"), knowrob("Drawer")
 _STATE_PROPERTY = knowrob("stateOfObject")
@@ -212,7 +212,7 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     thing: IndividualName
     """The container that the door, drawer or lid belongs to."""
     state: OpenState
-    front: IndividualName
+    part: IndividualName
     """The door, drawer or lid."""
     share: float | None
     """How far it is open, from 0 to 1 of its range; None if the joint has no limits."""
@@ -221,7 +221,7 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
     unit: str
     """m or rad."""
     map: MapName
-    """The map that the front is described in."""
+    """The map that the part is described in."""
     source: str
     """Where the displacement comes from: the name of the engine, or "map"."""
 
@@ -231,21 +231,21 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
         "which (thing|container) is {state}",
         "what is {state}",
         "(is|which) {thing} [is] [still] {state}",
-        "(is|which) {front:PortalCovering,Drawer} [is] [still] {state}",
+        "(is|which) {part:PortalCovering,Drawer} [is] [still] {state}",
         "how far is {thing} (open|opened)",
-        "how far is {front:PortalCovering,Drawer} (open|opened)",
+        "how far is {part:PortalCovering,Drawer} (open|opened)",
         "how open is {thing}",
         "what opens {thing}",
         "which doors and drawers does {thing} have",
-        "what does {front:PortalCovering,Drawer} (open|close)",
+        "what does {part:PortalCovering,Drawer} (open|close)",
     ),
     is_relation=True,
 )
-def openings(
+def articulated_parts(
     kb: QuestionContext,
     thing: IndividualName | None = None,
     state: OpenState | None = None,
-    front: IndividualName | None = None,
+    part: IndividualName | None = None,
     map: MapName | None = None,
     *,
     present: StateAccess,
@@ -260,24 +260,24 @@ def openings(
     everything is closed, as in the map.
 
     Examples:
-        openings fridge
-        openings state=closed front=drawer_left_1
+        articulated_parts fridge
+        articulated_parts state=closed part=drawer_left_1
     """
     for world_state in present.states(map):
-        yield from find_openings(kb, world_state, front)
+        yield from find_articulated_parts(kb, world_state, part)
 
 
-def find_openings(
+def find_articulated_parts(
     kb: QuestionContext,
     world_state: WorldState,
-    front: Iri | None = None,
+    part: Iri | None = None,
     furniture: ContainerFinder | None = None,
 ) -> Iterator[JointOpenness]:
     """The doors, drawers and lids of a state, or one of them.
 
     Args:
         kb: the knowledge base.
-        front: the door, drawer or lid; None for all.
+        part: the door, drawer or lid; None for all.
         furniture: finds the containers; it can be used again for a state with the same spawned worlds.
     """
     homes = world_state.map_of_body()
@@ -288,13 +288,13 @@ def find_openings(
             continue
         moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
         displacement, source = _displacement(joint, world_state)
-        if displacement is None or front not in {None, moving.iri} or is_robot_part(moving):
+        if displacement is None or part not in {None, moving.iri} or is_robot_part(moving):
             continue
-        if _is_front(kb, moving) or (displacement.is_prismatic and _is_drawer_handle(kb, moving, holder)):
+        if _is_articulated_part(kb, moving) or (displacement.is_prismatic and _is_drawer_handle(kb, moving, holder)):
             yield JointOpenness(
                 thing=furniture.container_of(moving, holder).iri,
                 state=OpenState.OPEN if _is_open(displacement) else OpenState.CLOSED,
-                front=moving.iri,
+                part=moving.iri,
                 share=None if displacement.fraction is None else round(displacement.fraction, 6),
                 way=round(displacement.displacement, 6),
                 unit="m" if displacement.is_prismatic else "rad",
@@ -303,64 +303,64 @@ def find_openings(
             )
 
 
-@openings.explain
-def _explain_opening(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
+@articulated_parts.explain
+def _explain_articulated_part(kb: QuestionContext, row: JointOpenness) -> Iterator[str]:
     share = "" if row.share is None else f", {row.share:.0%} of its range"
     verb = "slid" if row.unit == "m" else "turned"
-    yield f"{local_name(row.front)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
+    yield f"{local_name(row.part)} of {local_name(row.thing)} has {verb} by {row.way:g} {row.unit}{share}"
     yield source_text(row.source)
 
 
-@openings.missing
-def _missing_opening(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+@articulated_parts.missing
+def _missing_articulated_part(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     world_states = asked.present.states(asked.map)
-    rows = [row for each in world_states for row in find_openings(kb, each)]
-    if why := _unopenable_reason(kb, rows, asked.thing, asked.front):
-        claims = body_claims((asked.thing, asked.front), world_states, asked.map)
-        if asked.front is not None and not any(row.front == asked.front for row in rows):
-            claims += _unmoved_claims(kb, world_states, asked.front, asked.map)
+    rows = [row for each in world_states for row in find_articulated_parts(kb, each)]
+    if why := _unopenable_reason(kb, rows, asked.thing, asked.part):
+        claims = body_claims((asked.thing, asked.part), world_states, asked.map)
+        if asked.part is not None and not any(row.part == asked.part for row in rows):
+            claims += _unmoved_claims(kb, world_states, asked.part, asked.map)
         yield MissingKnowledge(_CONTAINER, CHILD, why, claims=claims)
     elif asked.state is OpenState.OPEN and world_states and all(each.joint_positions is None for each in world_states):
         why = "joint positions are unknown: without an engine that measures them, all is closed as in the maps"
-        claims = body_claims((asked.thing, asked.front), world_states, asked.map)
+        claims = body_claims((asked.thing, asked.part), world_states, asked.map)
         yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why, claims=claims)
 
 
 def _unmoved_claims(
-    kb: QuestionContext, world_states: tuple[WorldState, ...], front: Iri, map: Iri | None
+    kb: QuestionContext, world_states: tuple[WorldState, ...], part: Iri, map: Iri | None
 ) -> tuple[Claim, ...]:
     """Why an individual is no door, drawer or lid that a joint moves: no joint connects it, or its class is another."""
-    ids = {(state.world.iri, body.id) for state in world_states for body in state.world.bodies if body.iri == front}
+    ids = {(state.world.iri, body.id) for state in world_states for body in state.world.bodies if body.iri == part}
     joints = ((state.world.iri, end) for state in world_states for joint in state.world.joints
               for end in (joint.parent, joint.child))  # fmt: skip
     if not ids.intersection(joints):
-        return (Claim(kind=ClaimKind.NO_JOINT, subject=front, map=map),)
+        return (Claim(kind=ClaimKind.NO_JOINT, subject=part, map=map),)
     return tuple(
-        Claim(kind=ClaimKind.NOT_INSTANCE, subject=front, object=cls)
-        for cls in _FRONT_CLASSES
-        if not kb.reasoner.is_member(front, cls)
+        Claim(kind=ClaimKind.NOT_INSTANCE, subject=part, object=cls)
+        for cls in _PART_CLASSES
+        if not kb.reasoner.is_member(part, cls)
     )
 
 
-def _unopenable_reason(kb: QuestionContext, rows: list[JointOpenness], thing: Iri | None, front: Iri | None) -> str:
-    """Why nothing opens a container, or a front opens nothing, in any state; empty if something does."""
-    owners = {row.front: local_name(row.thing) for row in rows}
-    if front is not None and front not in owners:
-        return f"{individual_text(kb.reasoner, front)} opens nothing: it is no door, drawer or lid that a joint moves"
-    if thing is None or any(row.thing == thing and front in {None, row.front} for row in rows):
+def _unopenable_reason(kb: QuestionContext, rows: list[JointOpenness], thing: Iri | None, part: Iri | None) -> str:
+    """Why nothing opens a container, or a part opens nothing, in any state; empty if something does."""
+    owners = {row.part: local_name(row.thing) for row in rows}
+    if part is not None and part not in owners:
+        return f"{individual_text(kb.reasoner, part)} opens nothing: it is no door, drawer or lid that a joint moves"
+    if thing is None or any(row.thing == thing and part in {None, row.part} for row in rows):
         return ""
-    if front is not None:
-        return f"{local_name(front)} opens {owners[front]}, not {local_name(thing)}"
+    if part is not None:
+        return f"{local_name(part)} opens {owners[part]}, not {local_name(thing)}"
     if thing in owners:
         name = local_name(thing)
-        return f"nothing opens {name}, which itself opens {owners[thing]}: ask for front={name}"
+        return f"nothing opens {name}, which itself opens {owners[thing]}: ask for part={name}"
     return f"{individual_text(kb.reasoner, thing)} has no door, drawer or lid that a joint moves"
 
 
-def _is_front(kb: QuestionContext, body: Body) -> bool:
+def _is_articulated_part(kb: QuestionContext, body: Body) -> bool:
     """Whether a moving body is a door, a drawer or a lid; bodies of unknown classes may be."""
     above = kb.reasoner.classes.above(body.cls)
-    return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _FRONT_CLASSES)
+    return len(above) <= 1 or any(kb.reasoner.is_a(body.cls, cls) for cls in _PART_CLASSES)
 
 
 def _is_drawer_handle(kb: QuestionContext, moving: Body, holder: Body) -> bool:
@@ -394,9 +394,9 @@ class ContainerFinder:
                 self._rigid_neighbors[body.id] = groups.setdefault(number, [])
                 self._rigid_neighbors[body.id].append(body)
 
-    def container_of(self, front: Body, parent: Body) -> Body:
-        """The container that a front closes, among the bodies that are fixed to `parent`; `parent` if there is none."""
-        closed = self._map_bodies.get(front.id, front)
+    def container_of(self, part: Body, parent: Body) -> Body:
+        """The container that a part closes, among the bodies that are fixed to `parent`; `parent` if there is none."""
+        closed = self._map_bodies.get(part.id, part)
         containers = [
             body
             for body in self._rigid_neighbors.get(parent.id, ())

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
         split_command,
     )
     from mindstage.robots.skill_performance import start_skill
-    from mindstage.robots.skills.front_access import FrontReach, FrontReachStep, FrontWay, can_open
+    from mindstage.robots.skills.part_motion import OpeningReach, OpeningStep, PartContact, can_open
 
 __all__ = [
-    "FrontReach",
-    "FrontReachStep",
-    "FrontWay",
+    "OpeningReach",
+    "OpeningStep",
     "ParameterType",
+    "PartContact",
     "SkillNeed",
     "SkillOutcome",
     "SkillParameter",
@@ -43,5 +43,5 @@ __all__ = [
 
 __getattr__, __dir__ = lazy_names(
     __name__,
-    ["mindstage.robots.skill_declaration", "mindstage.robots.skill_performance", f"{__name__}.front_access"],
+    ["mindstage.robots.skill_declaration", "mindstage.robots.skill_performance", f"{__name__}.part_motion"],
 )

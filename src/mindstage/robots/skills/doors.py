@@ -8,33 +8,33 @@ from mindstage.errors import CommandRefusedError, SkillFailedError, UnreachableE
 from mindstage.robots.skill_declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.arm_paths import ArmPath
-from mindstage.robots.skills.front_access import BACK_M, FrontMotion, FrontWay, find_front_motion
 from mindstage.robots.skills.manipulator import Manipulator, free_hand
-from mindstage.robots.surroundings import Opening, Surroundings
+from mindstage.robots.skills.part_motion import BACK_M, PartContact, PartMotion, find_part_motion
+from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 
-__all__ = ["ACCESS", "close_thing", "moving_front", "open_thing"]
+__all__ = ["ACCESS", "close_thing", "moving_part", "open_thing"]
 
 ACCESS = {True: 1.0, False: 0.7}
 """How far drawers and doors are opened to get at what is in them; a door that is fully open is hard to close again."""
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _PUSH_BACK_M = 0.1
 _PRESS_M = 0.004
-"""How far the gripper is ahead of the front that it pushes."""
+"""How far the gripper is ahead of the part that it pushes."""
 _SLIP_M = {False: 0.04, True: 0.07}
 """A handle that is farther from the gripper than when it was grasped has slipped; held by friction, and by a spring."""
 _LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
 """How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
 _TOLERANCES = {True: 0.05, False: 0.04}
-"""Permitted error of the openness when a front is opened, and when it is closed."""
+"""Permitted error of the openness when a part is opened, and when it is closed."""
 _MOVED = 0.03
-"""A front whose openness has changed by more since its motion was planned is not where the hand would grasp it."""
+"""A part whose openness has changed by more since its motion was planned is not where the hand would grasp it."""
 _WHOLE, _EXACT, _MISSING = 0.98, 0.02, 0.15
-"""After a motion that was planned for so much of the path, a front is pulled on if it is off by more, and less."""
+"""After a motion that was planned for so much of the path, a part is pulled on if it is off by more, and less."""
 _REST_POSES = 5
 _MAX_ROUNDS = 10
-"""How often the handle is grasped anew to move the front farther."""
+"""How often the handle is grasped anew to move the part farther."""
 _LEAST_PROGRESS = 0.08
 """Change of the openness in a round below which the next one is from another place, or another way."""
 
@@ -49,8 +49,8 @@ def open_thing(task: SkillTask, thing: ThingName, fraction: FractionOpen = 1.0) 
         fraction: how far, from 0 (closed) to 1.
     """
     surroundings = task.surroundings()
-    opening = surroundings.opening(surroundings.find(thing))
-    yield from moving_front(task, opening, fraction)
+    part = surroundings.articulated_part(surroundings.find(thing))
+    yield from moving_part(task, part, fraction)
 
 
 @skill(name="close", needs=_NEEDS)
@@ -63,35 +63,35 @@ def close_thing(task: SkillTask, thing: ThingName) -> SkillMotion:
     """
     surroundings = task.surroundings()
     id = surroundings.find(thing)
-    openings = surroundings.openings_of(id)
-    if not openings:
-        surroundings.opening(id)  # raises, with what can be closed
-    for opening in openings:
-        if opening.openness > _TOLERANCES[False] or len(openings) == 1:
-            yield from moving_front(task, opening, 0.0)
+    parts = surroundings.articulated_parts_of(id)
+    if not parts:
+        surroundings.articulated_part(id)  # raises, with what can be closed
+    for part in parts:
+        if part.openness > _TOLERANCES[False] or len(parts) == 1:
+            yield from moving_part(task, part, 0.0)
 
 
-def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMotion:
+def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float) -> SkillMotion:
     """Moves a door or drawer to a fraction of its range, in several rounds if the arm does not reach all the way.
 
     Raises:
         SkillFailedError: it did not get there, with how far it is open.
     """
-    task.opened[opening.front] = None
-    verb = "close" if fraction < opening.openness else "open"
+    task.opened[part.id] = None
+    verb = "close" if fraction < part.openness else "open"
     tolerance = _TOLERANCES[verb == "open"]
     errors: list[SkillFailedError | UnreachableError | CommandRefusedError] = []
-    tried: list[FrontMotion] = []
+    tried: list[PartMotion] = []
     is_fixed = False
     for _ in range(_MAX_ROUNDS):
-        before = opening.openness
+        before = part.openness
         if abs(before - fraction) <= tolerance:
             return
         if task.limit.is_over:
-            state = f"{opening.front} is {before:.0%} open instead of {fraction:.0%}"
+            state = f"{part.id} is {before:.0%} open instead of {fraction:.0%}"
             raise task.failure(f"{state}: no way to move it was found {task.limit}", "move what is near it away")
-        hand = free_hand(task, f"to move {opening.front}")
-        target = opening.joint.position_at(fraction)
+        hand = free_hand(task, f"to move {part.id}")
+        target = part.joint.position_at(fraction)
         try:
             yield from hand.parking()
         except SkillFailedError as error:
@@ -99,28 +99,33 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
             continue  # it is planned anew from where the arm was stopped
         except UnreachableError as error:
             errors.append(error)  # there is no room for it: it goes on with the arm as it is
-        if abs(opening.openness - fraction) <= tolerance:  # it has moved on when the hand let it go
+        if abs(part.openness - fraction) <= tolerance:  # it has moved on when the hand let it go
             return
         try:
-            motion = find_front_motion(hand, opening, task.surroundings(), target, tried=tried)
+            motion = find_part_motion(hand, part, task.surroundings(), target, tried=tried)
         except UnreachableError as error:
             errors.append(error)
             break
         try:
-            yield from _moving_once(task, hand, opening, motion, verb, fraction, is_fixed=is_fixed)
+            yield from _moving_once(task, hand, part, motion, verb, fraction, is_fixed=is_fixed)
         except (SkillFailedError, UnreachableError, CommandRefusedError) as error:
             errors.append(error)
-        if abs(opening.openness - before) < _LEAST_PROGRESS:
-            if motion.way is FrontWay.HANDLE and not is_fixed and errors and isinstance(errors[-1], SkillFailedError):
+        if abs(part.openness - before) < _LEAST_PROGRESS:
+            if (
+                motion.way is PartContact.HANDLE
+                and not is_fixed
+                and errors
+                and isinstance(errors[-1], SkillFailedError)
+            ):
                 is_fixed = True  # the fingers do not hold this handle
             else:
                 tried.append(motion)
                 is_fixed = False
-    if abs(opening.openness - fraction) > tolerance:
+    if abs(part.openness - fraction) > tolerance:
         reasons = dict.fromkeys(getattr(each, "reason", "") or str(each) for each in errors)
         last = errors[-1] if errors else None
         raise task.failure(
-            f"{opening.front} is {opening.openness:.0%} open instead of {fraction:.0%}: "
+            f"{part.id} is {part.openness:.0%} open instead of {fraction:.0%}: "
             + ("; then ".join(reasons) or "it cannot be moved farther"),
             getattr(last, "suggestion", "") or f"{verb} it from somewhere else, or only as far as needed",
         )
@@ -129,8 +134,8 @@ def moving_front(task: SkillTask, opening: Opening, fraction: float) -> SkillMot
 def _moving_once(
     task: SkillTask,
     hand: Manipulator,
-    opening: Opening,
-    motion: FrontMotion,
+    part: ArticulatedPart,
+    motion: PartMotion,
     verb: str,
     fraction: float,
     *,
@@ -140,25 +145,25 @@ def _moving_once(
 
     Args:
         hand: the arm.
-        opening: the door or drawer.
+        part: the door or drawer.
         motion: the placement and the path.
         verb: "open" or "close".
         fraction: where to, from 0 to 1.
         is_fixed: whether the handle is fixed to the gripper by a spring, instead of being held by friction.
     """
-    body, placement, planned = motion.body, motion.placement, opening.openness
+    body, placement, planned = motion.body, motion.placement, part.openness
     yield from hand.driving_to(placement.base, why=f"to reach {body}")
-    if motion.way is FrontWay.PUSH:
+    if motion.way is PartContact.PUSH:
         yield from hand.closing()
     else:
         yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(placement.start, why=f"in front of {body}")
-    if abs(opening.openness - planned) > _MOVED:
+    if abs(part.openness - planned) > _MOVED:
         return  # it has fallen, or was pushed on the way; the next round is planned for where it is now
     grasp = placement.grasp.in_world(task.surroundings().pose(body))
     yield from hand.moving_straight(grasp, why=f"to {body}", may_touch=True)
-    if motion.way is FrontWay.PUSH:
-        yield from _pushing(task, hand, opening, motion)
+    if motion.way is PartContact.PUSH:
+        yield from _pushing(task, hand, part, motion)
         return
     try:
         is_between = yield from hand.closing()
@@ -166,31 +171,31 @@ def _moving_once(
             task.assume(f"{body} was fixed to the {hand.gripper.name} by a spring: the fingers do not hold it")
         elif not is_between:
             raise task.failure(f"the gripper closed without {body} between its fingers", "approach it again")
-        with task.step(verb, f"{verb} {opening.front} to {fraction:.0%}"):
-            yield from _moving_grasped(task, hand, opening, motion, is_fixed=is_fixed)
-            missing = abs(opening.openness - fraction)
+        with task.step(verb, f"{verb} {part.id} to {fraction:.0%}"):
+            yield from _moving_grasped(task, hand, part, motion, is_fixed=is_fixed)
+            missing = abs(part.openness - fraction)
             if motion.placement.reach >= _WHOLE and _EXACT < missing <= _MISSING:
-                rest = _rest_of_motion(task, opening, motion)
-                yield from _moving_grasped(task, hand, opening, rest, is_fixed=is_fixed)
+                rest = _rest_of_motion(task, part, motion)
+                yield from _moving_grasped(task, hand, part, rest, is_fixed=is_fixed)
     except (SkillFailedError, UnreachableError, CommandRefusedError):
-        yield from _letting_go(hand, opening, motion)
+        yield from _letting_go(hand, part, motion)
         raise
     finally:
-        task.session.release(opening.front)
-    yield from _letting_go(hand, opening, motion)
+        task.session.release(part.id)
+    yield from _letting_go(hand, part, motion)
 
 
-def _pushing(task: SkillTask, hand: Manipulator, opening: Opening, motion: FrontMotion) -> SkillMotion:
-    """Pushes a front along its path with the closed gripper, which touches it."""
-    with task.step("push", f"push {opening.front}"):
+def _pushing(task: SkillTask, hand: Manipulator, part: ArticulatedPart, motion: PartMotion) -> SkillMotion:
+    """Pushes a part along its path with the closed gripper, which touches it."""
+    with task.step("push", f"push {part.id}"):
         pressed = motion.path.copy()
         ahead = _PRESS_M * np.linspace(1.0, 0.0, len(pressed))[:, None]
         pressed[:, :3] += ahead * _directions(pressed[:, :3])
         pressed = pressed[: motion.placement.stop]
-        path = _free_path(hand, opening, motion, hand.path(pressed, may_drive=hand.is_mobile))
+        path = _free_path(hand, part, motion, hand.path(pressed, may_drive=hand.is_mobile))
         if path.reached >= 2:
             yield from hand.following(path, speed=0.4, cartesian_speed=0.15)
-    yield from hand.withdrawing(_PUSH_BACK_M, touch=_parts(opening))
+    yield from hand.withdrawing(_PUSH_BACK_M, touch=_parts(part))
     if path.reached < 2:
         raise task.failure(f"{motion.body} cannot be pushed: {path.reason}", "stand elsewhere")
 
@@ -203,20 +208,20 @@ def _directions(points: Array) -> Array:
 
 
 def _moving_grasped(
-    task: SkillTask, hand: Manipulator, opening: Opening, motion: FrontMotion, *, is_fixed: bool
+    task: SkillTask, hand: Manipulator, part: ArticulatedPart, motion: PartMotion, *, is_fixed: bool
 ) -> SkillMotion:
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
     poses = pose_multiply(motion.poses[: motion.placement.stop], in_hand)
-    path = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.placement.path))
+    path = _free_path(hand, part, motion, hand.path(poses, may_drive=hand.is_mobile, guide=motion.placement.path))
     if not path.is_complete:
-        other = _free_path(hand, opening, motion, hand.path(poses, may_drive=hand.is_mobile))
+        other = _free_path(hand, part, motion, hand.path(poses, may_drive=hand.is_mobile))
         path = max(path, other, key=lambda each: each.reached)
     if path.reached < 2:
         raise task.failure(f"{body} cannot be moved: {path.reason}", "stand elsewhere")
 
-    spring = _Spring(task, opening, body, surroundings, in_hand) if is_fixed else None
+    spring = _Spring(task, part, body, surroundings, in_hand) if is_fixed else None
 
     def check() -> None:
         if spring is not None:
@@ -230,30 +235,28 @@ def _moving_grasped(
         raise task.failure(result.reason, "move what is in the way")
 
 
-def _rest_of_motion(task: SkillTask, opening: Opening, motion: FrontMotion) -> FrontMotion:
-    """From where a front is to the end of its motion: it was left behind by what the handle has slid in the fingers."""
-    front, body = (task.surroundings().pose(each) for each in (opening.front, motion.body))
-    in_front = pose_multiply(pose_inverse(front), body)
-    positions = np.linspace(opening.joint.position, motion.positions[-1], _REST_POSES)
-    fronts = [normalized_pose_array(opening.joint.pose_at(each)) for each in positions.tolist()]
-    poses = np.array([pose_multiply(each, in_front) for each in fronts])
+def _rest_of_motion(task: SkillTask, part: ArticulatedPart, motion: PartMotion) -> PartMotion:
+    """From where a part is to the end of its motion: it was left behind by what the handle has slid in the fingers."""
+    part_pose, body = (task.surroundings().pose(each) for each in (part.id, motion.body))
+    in_part = pose_multiply(pose_inverse(part_pose), body)
+    positions = np.linspace(part.joint.position, motion.positions[-1], _REST_POSES)
+    part_poses = [normalized_pose_array(part.joint.pose_at(each)) for each in positions.tolist()]
+    poses = np.array([pose_multiply(each, in_part) for each in part_poses])
     placement = motion.placement._replace(path=motion.placement.path._replace(reached=0), stop=len(poses))
     return motion._replace(poses=poses, positions=positions, placement=placement)
 
 
-def _free_path(hand: Manipulator, opening: Opening, motion: FrontMotion, path: ArmPath) -> ArmPath:
-    """The first part of a path, up to where the robot would touch something else than the front.
+def _free_path(hand: Manipulator, part: ArticulatedPart, motion: PartMotion, path: ArmPath) -> ArmPath:
+    """The first part of a path, up to where the robot would touch something else than the part.
 
     The path that was tested for the placement began at the exact grasp, and ended at a collision, too.
     """
-    return hand.free_part(
-        path, touch=_parts(opening), joint=opening.joint.id, joint_positions=motion.positions.tolist()
-    )
+    return hand.free_part(path, touch=_parts(part), joint=part.joint.id, joint_positions=motion.positions.tolist())
 
 
-def _parts(opening: Opening) -> set[BodyId]:
-    """A front and its handle."""
-    return {opening.front, opening.handle or opening.front}
+def _parts(part: ArticulatedPart) -> set[BodyId]:
+    """A part and its handle."""
+    return {part.id, part.handle or part.id}
 
 
 class _Spring:
@@ -264,11 +267,11 @@ class _Spring:
     """
 
     def __init__(
-        self, task: SkillTask, opening: Opening, handle: BodyId, surroundings: Surroundings, offset: Array
+        self, task: SkillTask, part: ArticulatedPart, handle: BodyId, surroundings: Surroundings, offset: Array
     ) -> None:
-        self.task, self.front, self.handle, self.surroundings = task, opening.front, handle, surroundings
+        self.task, self.id, self.handle, self.surroundings = task, part.id, handle, surroundings
         self.to_handle = pose_inverse(offset)
-        point = pose_multiply(pose_inverse(surroundings.pose(self.front)), surroundings.pose(handle))[:3]
+        point = pose_multiply(pose_inverse(surroundings.pose(self.id)), surroundings.pose(handle))[:3]
         self.point = _vector(point)
         self.lead, self.last_s = np.zeros(3), task.time_s
 
@@ -280,7 +283,7 @@ class _Spring:
         self.lead += _LEAD_RATE * (now_s - self.last_s) * behind
         self.lead *= min(1.0, _MAX_LEAD_M / max(float(np.linalg.norm(self.lead)), 1e-9))
         self.last_s = now_s
-        self.task.session.pull(self.front, point=self.point, target=_vector(wanted + self.lead))
+        self.task.session.pull(self.id, point=self.point, target=_vector(wanted + self.lead))
 
 
 def _vector(values: Array) -> tuple[float, float, float]:
@@ -288,8 +291,8 @@ def _vector(values: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _letting_go(hand: Manipulator, opening: Opening, motion: FrontMotion) -> SkillMotion:
+def _letting_go(hand: Manipulator, part: ArticulatedPart, motion: PartMotion) -> SkillMotion:
     """Opens the gripper and withdraws it."""
     yield from hand.opening(hand.robot.opening(hand.gripper.name) + 2 * motion.placement.grasp.room_m)
     with hand.task.step("move", f"move the gripper away from {motion.body}"):
-        yield from hand.withdrawing(BACK_M[motion.way is not FrontWay.EDGE], touch=_parts(opening))
+        yield from hand.withdrawing(BACK_M[motion.way is not PartContact.EDGE], touch=_parts(part))

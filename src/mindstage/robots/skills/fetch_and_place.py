@@ -6,7 +6,7 @@ from mindstage.errors import KnowledgeError, NoFreePlacementError, SkillFailedEr
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.skill_declaration import ClassName, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
-from mindstage.robots.skills.doors import moving_front
+from mindstage.robots.skills.doors import moving_part
 from mindstage.robots.skills.handling import pick_up, put_down
 from mindstage.robots.skills.manipulator import hand_with
 from mindstage.robots.skills.movement import drive_to
@@ -44,7 +44,7 @@ def put_away(task: SkillTask, thing: ThingName) -> SkillMotion:
     last: Exception | None = None
     for place in places[:_MAX_CANDIDATES]:
         is_container = _is_container(surroundings, id, place)
-        was_closed = [each.front for each in surroundings.openings() if each.is_closed]
+        was_closed = [each.id for each in surroundings.articulated_parts() if each.is_closed]
         try:
             yield from put_down(task, id, place, inside=is_container)
         except (SkillFailedError, UnreachableError, NoFreePlacementError) as error:
@@ -60,15 +60,15 @@ def put_away(task: SkillTask, thing: ThingName) -> SkillMotion:
 
 def _is_container(surroundings: Surroundings, id: BodyId, place: BodyId) -> bool:
     """Whether a thing is put into a place rather than on it."""
-    fronts = surroundings.openings_of(place)
-    return bool(fronts) or bool(surroundings.free_places(id, place, inside=True, count=1))
+    parts = surroundings.articulated_parts_of(place)
+    return bool(parts) or bool(surroundings.free_places(id, place, inside=True, count=1))
 
 
-def _closing_again(task: SkillTask, fronts: list[BodyId]) -> SkillMotion:
+def _closing_again(task: SkillTask, ids: list[BodyId]) -> SkillMotion:
     """Closes the doors and drawers that the skill has opened."""
-    for opening in task.surroundings().openings():
-        if opening.front in fronts and opening.front in task.opened and not opening.is_closed:
-            yield from moving_front(task, opening, 0.0)
+    for part in task.surroundings().articulated_parts():
+        if part.id in ids and part.id in task.opened and not part.is_closed:
+            yield from moving_part(task, part, 0.0)
 
 
 @skill(needs=_NEEDS)

@@ -51,13 +51,13 @@ _SHIFTS = (0.0, 0.25, -0.25)
 """Grasped places along a long box, as fractions of its length."""
 _LONG_M = 0.09
 _TIP_GAP_M = 0.006
-"""Least distance of the finger tips from what is behind a thing, such as the front behind a handle."""
+"""Least distance of the finger tips from what is behind a thing, such as the door behind a handle."""
 _MIN_OVERLAP_M = 0.008
 """Least length of the fingers beside what is grasped."""
 _SHALLOW_M, _LEAST_BACK_M = 0.035, 0.005
 """Length of the fingers beside what only their tips hold, and the least by which the hand is farther away then."""
 _TIP_SAMPLES = 9
-"""Number of openings at which the finger tips are located."""
+"""Number of openings of the gripper at which the finger tips are located."""
 _PALM_GAP_M = 0.012
 """Least distance of the palm from what is grasped."""
 _ANGLES = 12
@@ -82,7 +82,7 @@ _EDGE_ROOM_M = 0.012
 _TOUCH_M = 0.001
 """What is narrower than the gap between closed fingers, or wider by less than this, is not held."""
 _PUSH_SHIFTS = (0.35, -0.35, 0.2, -0.2, 0.0)
-"""Places along a front at which it is pushed, as fractions of its length; its handle is often in the middle."""
+"""Places along a part at which it is pushed, as fractions of its length; the handle is often in the middle."""
 _PUSH_INSET_M = 0.06
 _SWEEP_INSETS_M, _SWEEP_SHIFTS = (0.06, 0.12, 0.2), (0.42, -0.42, 0.3, -0.3, 0.15, -0.15, 0.0)
 """Places at which a door is pushed shut: from its free edge [m], and along it, as fractions of its length."""
@@ -352,7 +352,7 @@ def pushes_of(
     The finger tips point at it, or the fingers lie along it from its free edge on.
 
     Args:
-        body: the front.
+        body: the articulated part.
         outward: a vector in the frame of the body that points to its outer side.
         edge: a point in the frame of the body near its free edge, such as that of the handle.
         shape: the extents of the gripper.
@@ -418,7 +418,7 @@ def sweeps_of(
 def _sides(
     body: Body, geometry: BodyGeometry | None, normal: Array, edge: Array
 ) -> tuple[Array, Array, int, Array, Array]:
-    """The middle of a front, half its size, the axis across it, and unit vectors to its free edge and along that."""
+    """The middle of a part, half its size, the axis across it, and unit vectors to its free edge and along that."""
     low, high = compile_geometry(_shapes_of(body, geometry)).bounds
     middle, half = (low + high) / 2, (high - low) / 2
     normal_axis = int(np.argmax(np.abs(normal)))

@@ -12,11 +12,11 @@ from mindstage.errors import NoFreePlacementError, SkillFailedError, Unreachable
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
-from mindstage.robots.skills.doors import ACCESS, moving_front
+from mindstage.robots.skills.doors import ACCESS, moving_part
+from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of, planar_pose
-from mindstage.robots.skills.path_placement import PathPlacement, PathPlacementRequest, find_path_placement
-from mindstage.robots.surroundings import Opening, Surroundings
+from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.transforms import (
@@ -59,7 +59,7 @@ _MAX_STANCES = 4
 _TURNS = 4
 """Number of ways in which a thing is turned at each place."""
 _PLACE_STEPS = 25_000
-"""Number of steps of the search for each; see `PathPlacementRequest.steps`."""
+"""Number of steps of the search for each; see `GraspMotionRequest.steps`."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
 _CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
@@ -178,8 +178,8 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
         return
     hand = free_hand(task, f"to pick up {id}")
     surroundings = task.surroundings()
-    for opening in surroundings.closed_in_front_of(id):
-        yield from moving_front(task, opening, ACCESS[opening.joint.is_prismatic])
+    for part in surroundings.closed_in_front_of(id):
+        yield from moving_part(task, part, ACCESS[part.joint.is_prismatic])
     yield from hand.parking()
     slipped = False
     for attempt in range(_ATTEMPTS):
@@ -209,7 +209,7 @@ def _grasping(
     upright: bool | None,
     stays: bool = False,
     fix: bool = False,
-) -> Generator[float, None, PathPlacement]:
+) -> Generator[float, None, GraspMotion]:
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
 
     Args:
@@ -241,8 +241,8 @@ def _grasping(
 
 
 def _standing_before(
-    hand: Manipulator, request: PathPlacementRequest, placement: PathPlacement
-) -> Generator[float, None, PathPlacement]:
+    hand: Manipulator, request: GraspMotionRequest, placement: GraspMotion
+) -> Generator[float, None, GraspMotion]:
     """Drives to where a thing is grasped, and takes the open hand in front of it, by the first grasp with a way."""
     for _ in range(_MAX_STANCES):
         if not request.stays:
@@ -253,7 +253,7 @@ def _standing_before(
         except UnreachableError:
             others = [each for each in request.grasps if each.pose is not placement.grasp.pose]
             request = request._replace(grasps=others)
-            placement = find_path_placement(hand, request)
+            placement = find_grasp_motion(hand, request)
             continue
         return placement
     raise UnreachableError(hand.robot.name, target=request.target, reason="the arm has no way to any of its grasps")
@@ -272,7 +272,7 @@ def _hand_before(
     *,
     upright: bool | None,
     stays: bool,
-) -> Generator[float, None, PathPlacement]:
+) -> Generator[float, None, GraspMotion]:
     """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
 
     What is in front of the thing is opened farther if there is no placement, or no way of the base or the arm.
@@ -283,16 +283,16 @@ def _hand_before(
         return (yield from _standing_before(hand, found[1], found[0]))
     except UnreachableError as error:
         cause = error
-    for opening in [] if stays else surroundings.in_front_of(id):
-        before = opening.openness
+    for part in [] if stays else surroundings.in_front_of(id):
+        before = part.openness
         if before > _WIDE_OPEN:
             continue
         try:
-            yield from moving_front(task, opening, 1.0)
+            yield from moving_part(task, part, 1.0)
             yield from hand.parking()
         except (SkillFailedError, UnreachableError) as error:
-            if opening.openness < before + _FARTHER:
-                raise _with_front(cause, opening, error.reason) from None
+            if part.openness < before + _FARTHER:
+                raise _with_part(cause, part, error.reason) from None
         surroundings, floor = task.surroundings(), FloorMap(hand.robot)
         try:
             found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
@@ -303,7 +303,7 @@ def _hand_before(
     return (yield from _standing_before(hand, request, placement))
 
 
-def placement_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> PathPlacement:
+def placement_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> GraspMotion:
     """How the hand gets in front of a thing from where the robot stands.
 
     Raises:
@@ -315,9 +315,9 @@ def placement_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId
         return _weld_placement(hand, surroundings, id, error, None, stays=True)[0]
 
 
-def _with_front(cause: UnreachableError, opening: Opening, reason: str) -> UnreachableError:
+def _with_part(cause: UnreachableError, part: ArticulatedPart, reason: str) -> UnreachableError:
     """The error about a thing that is not reached, and what is in front of it cannot be opened farther."""
-    text = f"{cause.reason}; {opening.front} is {opening.openness:.0%} open and cannot be opened farther: {reason}"
+    text = f"{cause.reason}; {part.id} is {part.openness:.0%} open and cannot be opened farther: {reason}"
     return UnreachableError(cause.robot, target=cause.target, reason=text, obstacle=cause.obstacle)
 
 
@@ -329,7 +329,7 @@ def _friction_placement(
     *,
     upright: bool | None,
     stays: bool,
-) -> tuple[PathPlacement, PathPlacementRequest]:
+) -> tuple[GraspMotion, GraspMotionRequest]:
     """A placement for a grasp by friction.
 
     Raises:
@@ -337,14 +337,14 @@ def _friction_placement(
     """
     request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
     try:
-        return find_path_placement(hand, request, floor), request
+        return find_grasp_motion(hand, request, floor), request
     except UnreachableError as error:
         shallow = [tips for each in request.grasps if (tips := each.shallow()) is not None]
         if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
             raise
         request = request._replace(grasps=shallow)
         try:
-            return find_path_placement(hand, request, floor), request
+            return find_grasp_motion(hand, request, floor), request
         except UnreachableError:
             raise error from None
 
@@ -357,7 +357,7 @@ def _grasp_request(
     *,
     upright: bool | None,
     stays: bool,
-) -> PathPlacementRequest:
+) -> GraspMotionRequest:
     body, pose = surroundings.body(id), surroundings.pose(id)
     found = list(grasps_of(body, surroundings.geometry(id), pose, hand.gripper, hand.shape))
     is_tall = (body.size or (0.0, 0.0, 0.0))[2] > 0.09
@@ -390,7 +390,7 @@ def _grasp_request(
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
     inside = surroundings.containers_of(id)
     container = surroundings.box(inside[0]) if inside else None
-    return PathPlacementRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
+    return GraspMotionRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -423,13 +423,13 @@ def _weld_placement(
     floor: FloorMap | None,
     *,
     stays: bool,
-) -> tuple[PathPlacement, PathPlacementRequest]:
+) -> tuple[GraspMotion, GraspMotionRequest]:
     """A placement from which the finger tips reach a side of a thing, which is then fixed to them."""
     pose = surroundings.pose(id)
     grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
-    request = PathPlacementRequest(id, grasps, pose[None], _BACK_M, stays=stays)
+    request = GraspMotionRequest(id, grasps, pose[None], _BACK_M, stays=stays)
     try:
-        return find_path_placement(hand, request, floor), request
+        return find_grasp_motion(hand, request, floor), request
     except UnreachableError:
         raise error from None
 
@@ -530,10 +530,10 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
             _check_reach(task, surroundings, id)
         hand = hand_with(task, id)
         if hand is not None and all(each.held is not None for each in hands_of(task)):
-            yield from _setting_aside(task, hand, id, why=f"{doors[0].front} is closed, and no other hand is free")
+            yield from _setting_aside(task, hand, id, why=f"{doors[0].id} is closed, and no other hand is free")
         for door in doors:
-            yield from moving_front(task, door, ACCESS[door.joint.is_prismatic])
-    is_drawer = any(each.front == support for each in surroundings.openings())
+            yield from moving_part(task, door, ACCESS[door.joint.is_prismatic])
+    is_drawer = any(each.id == support for each in surroundings.articulated_parts())
     yield from pick_up(task, id, upright=None if not inside else not is_drawer)
     hand = hand_with(task, id)
     if hand is None:
@@ -582,12 +582,14 @@ def _check_reach(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Non
         _weld_placement(hand, surroundings, id, error, floor, stays=False)
 
 
-def _support(surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool) -> tuple[BodyId, list[Opening]]:
+def _support(
+    surroundings: Surroundings, id: BodyId, holder: BodyId, *, inside: bool
+) -> tuple[BodyId, list[ArticulatedPart]]:
     """The body with the surfaces, which may be a drawer of the holder, and what has to be opened to get there."""
     if not inside:
         return holder, []
     candidates = [holder]
-    candidates += [each.front for each in surroundings.openings_of(holder) if each.joint.is_prismatic]
+    candidates += [each.id for each in surroundings.articulated_parts_of(holder) if each.joint.is_prismatic]
     for support in dict.fromkeys(candidates):
         places = surroundings.free_places(id, support, inside=True, count=1)
         if places:
@@ -628,7 +630,7 @@ def _standing_for(
     places: Sequence[Pose],
     in_hand: Array,
     container: tuple[Array, Array] | None,
-) -> Generator[float, None, PathPlacement]:
+) -> Generator[float, None, GraspMotion]:
     """Drives to where one of the places is in reach, and takes what is held in front of it."""
     lifts = np.array([[0.0, 0.0, height, 1.0, 0.0, 0.0, 0.0] for height in np.linspace(0.0, _LIFT_M, 3)])
     raised = np.array([0.0, 0.0, _GAP_M, 0.0, 0.0, 0.0, 0.0])
@@ -636,7 +638,7 @@ def _standing_for(
     error: UnreachableError | None = None
     for pose in _nearest_to_floor([normalized_pose_array(each) for each in places], floor)[:_PLACES]:
         options = _options(hand, pose + raised, in_hand, floor)
-        request = PathPlacementRequest(
+        request = GraspMotionRequest(
             id,
             options,
             lifts,
@@ -647,7 +649,7 @@ def _standing_for(
             steps=_PLACE_STEPS,
         )
         try:
-            placement = find_path_placement(hand, request, floor)
+            placement = find_grasp_motion(hand, request, floor)
             yield from hand.driving_to(placement.base, why=f"to reach {support}")
             yield from hand.moving_to(placement.start, why=f"in front of {support}")
         except UnreachableError as found:
@@ -752,12 +754,12 @@ def _tilting(task: SkillTask, hand: Manipulator, id: BodyId, target: BodyId) -> 
 
 def _pour_placement(
     hand: Manipulator, id: BodyId, options: Sequence[Array], in_hand: Array
-) -> tuple[PathPlacement, Array]:
+) -> tuple[GraspMotion, Array]:
     error: UnreachableError | None = None
     for poses in options:
         grasp = Grasp(in_hand, 0.0, is_by_friction=True, is_whole=True, is_central=True)
         try:
-            return find_path_placement(hand, PathPlacementRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
+            return find_grasp_motion(hand, GraspMotionRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
         except UnreachableError as found:
             error = found
     assert error is not None

@@ -7,7 +7,7 @@ import { el, replaceChildren } from "./dom.js";
 import { panels } from "./panels.js";
 import { callOrToast } from "./toasts.js";
 
-const EXAMPLE_PROLOG = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place),\nopenings(Map, Place, State, Front)";
+const EXAMPLE_PROLOG = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place),\narticulated_parts(Map, Place, State, Part)";
 const EXAMPLE_SPARQL = "SELECT ?thing ?class WHERE {\n  ?thing a ?class .\n  ?class rdfs:subClassOf* knowrob:Container\n} LIMIT 50";
 const DEFAULT_QUESTION = "storage_place_in_environment";
 

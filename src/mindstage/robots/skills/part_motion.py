@@ -1,7 +1,7 @@
 """How doors and drawers are moved: by the handle, by the free edge, or by a push; and which of them a robot can open.
 
 Every way is tested with the collision shapes of the place: first the gripper alone, at the grasp and along the path of
-the front, since what it cannot grasp no place of the base mends; then the whole robot, from sampled places of the base.
+the part, since what it cannot grasp no place of the base mends; then the whole robot, from sampled places of the base.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.skill_task import SkillTask
+from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
 from mindstage.robots.skills.manipulator import BasePose, Manipulator, hands_of
-from mindstage.robots.skills.path_placement import PathPlacement, PathPlacementRequest, find_path_placement
-from mindstage.robots.surroundings import Opening, Surroundings
+from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import (
     Array,
@@ -37,12 +37,12 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["BACK_M", "FrontMotion", "FrontReach", "FrontReachStep", "FrontWay", "can_open", "find_front_motion"]
+__all__ = ["BACK_M", "OpeningReach", "OpeningStep", "PartContact", "PartMotion", "can_open", "find_part_motion"]
 
 _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING, _DIAGONAL_FACING = 0.7, 0.4
-"""Least cosine between the direction of approach and the inward direction of the front."""
+"""Least cosine between the direction of approach and the inward direction of the part."""
 _LEVEL_M = 0.05
 """A handle whose height changes by less is on a door with a vertical axis."""
 BACK_M = {True: 0.1, False: 0.06}
@@ -59,7 +59,7 @@ _APART_M, _REACH_ATTEMPTS = 0.6, 3
 _LEAST_PART = 0.15
 """The least part of a path that is worth it."""
 _ENOUGH = {True: 0.5, False: 0.95}
-"""A way that moves a front by so much of its path is taken without a look at the next one; a door that folds down falls
+"""A way that moves a part by so much of its path is taken without a look at the next one; a door that folds down falls
 back if it is let go on the way."""
 _ALL = 0.95
 """Openness that counts as open."""
@@ -67,10 +67,10 @@ _MAX_STEPS = 4
 _MAX_TRIES = 3
 """How often each way is tried without success, from different places."""
 _QUICK_STEPS, _LONG_STEPS = 40_000, 60_000
-"""Steps of the search for a placement (`PathPlacementRequest.steps`): for each way at first, and if none was found."""
+"""Steps of the search for a placement (`GraspMotionRequest.steps`): for each way at first, and if none was found."""
 
 
-class FrontWay(StrEnum):
+class PartContact(StrEnum):
     """How a door or drawer is moved."""
 
     HANDLE = "handle"
@@ -81,13 +81,13 @@ class FrontWay(StrEnum):
     """The closed gripper pushes a side of it."""
 
 
-class FrontMotion(NamedTuple):
-    """A way to move a front, from one placement."""
+class PartMotion(NamedTuple):
+    """A way to move a part, from one placement."""
 
-    way: FrontWay
-    placement: PathPlacement
+    way: PartContact
+    placement: GraspMotion
     body: BodyId
-    """What is grasped or pushed: the handle, or the front."""
+    """What is grasped or pushed: the handle, or the part."""
     poses: Array
     """n x 7: poses of the body along its path in the world frame, the present one first."""
     path: Array
@@ -106,24 +106,24 @@ class FrontMotion(NamedTuple):
         return round(self.placement.part * (len(self.positions) - 1))
 
 
-class FrontReachStep(msgspec.Struct, frozen=True, kw_only=True):
-    """A part of opening a front."""
+class OpeningStep(msgspec.Struct, frozen=True, kw_only=True):
+    """One motion in which a door or drawer is opened."""
 
-    way: FrontWay
+    way: PartContact
     base: BasePose
     """Where the robot stands: x, y [m] and yaw [rad]."""
     openness: float
-    """How far the front is open after it, from 0 to 1."""
+    """How far the part is open after it, from 0 to 1."""
 
 
-class FrontReach(msgspec.Struct, frozen=True, kw_only=True):
+class OpeningReach(msgspec.Struct, frozen=True, kw_only=True):
     """Whether a robot can open a door or drawer; truthy if it can."""
 
-    front: BodyId
+    part: BodyId
     is_reachable: bool
     openness: float
     """How far it can be opened, from 0 to 1."""
-    steps: tuple[FrontReachStep, ...]
+    steps: tuple[OpeningStep, ...]
     """How, and from where."""
     reason: str = ""
     """Why not farther: the limit or the obstacle, with numbers; for each way."""
@@ -135,7 +135,7 @@ class FrontReach(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @checked
-def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
+def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> OpeningReach:
     """Whether a robot can open a door or drawer, without moving anything: from where, how, or why not.
 
     Places of the base, grasps and pushes are sampled, and tested by inverse kinematics on the robot's model and for
@@ -152,11 +152,11 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
     """
     task = SkillTask(robot)
     surroundings = task.surroundings()
-    opening = surroundings.opening(surroundings.find(thing))
-    joint = opening.joint
+    part = surroundings.articulated_part(surroundings.find(thing))
+    joint = part.joint
     span = joint.open_position - joint.closed_position
     target, position = joint.position_at(fraction), joint.position
-    steps: list[FrontReachStep] = []
+    steps: list[OpeningStep] = []
     reason, obstacle = "", None
     hand = hands_of(task)[0]
     floor: FloorMap | None = None
@@ -166,20 +166,20 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
 
     while openness() < _ALL * fraction and len(steps) < _MAX_STEPS:
         try:
-            found = find_front_motion(hand, opening, surroundings, target, start=position, floor=floor)
+            found = find_part_motion(hand, part, surroundings, target, start=position, floor=floor)
         except UnreachableError as error:
             reason, obstacle = error.reason, error.obstacle
             break
         position = found.end
-        if hand.is_mobile:  # it goes on from where it stands then, with the front where it is then
+        if hand.is_mobile:  # it goes on from where it stands then, with the part where it is then
             path = found.placement.path
-            moved = _parts_at(opening, surroundings, position)
+            moved = _parts_at(part, surroundings, position)
             floor = FloorMap(robot, moved=moved, start=hand.base_of(path.roots[found.end_row]))
-        steps.append(FrontReachStep(way=found.way, base=found.placement.base, openness=round(openness(), 3)))
+        steps.append(OpeningStep(way=found.way, base=found.placement.base, openness=round(openness(), 3)))
         reason = found.placement.why
     is_reachable = openness() >= _ALL * fraction
-    return FrontReach(
-        front=opening.front,
+    return OpeningReach(
+        part=part.id,
         is_reachable=is_reachable,
         openness=round(openness(), 3),
         steps=tuple(steps),
@@ -188,45 +188,45 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> FrontReach:
     )
 
 
-def _parts_at(opening: Opening, surroundings: Surroundings, position: float) -> dict[BodyId, Pose]:
-    """Where a front and its handle are at a position of its joint [m or rad]."""
-    front = normalized_pose_array(opening.joint.pose_at(position))
-    to_front = pose_inverse(surroundings.pose(opening.front))
-    parts = dict.fromkeys(each for each in (opening.front, opening.handle) if each is not None)
-    poses = {id: pose_multiply(front, pose_multiply(to_front, surroundings.pose(id))) for id in parts}
+def _parts_at(part: ArticulatedPart, surroundings: Surroundings, position: float) -> dict[BodyId, Pose]:
+    """Where a part and its handle are at a position of its joint [m or rad]."""
+    part_pose = normalized_pose_array(part.joint.pose_at(position))
+    to_part = pose_inverse(surroundings.pose(part.id))
+    parts = dict.fromkeys(each for each in (part.id, part.handle) if each is not None)
+    poses = {id: pose_multiply(part_pose, pose_multiply(to_part, surroundings.pose(id))) for id in parts}
     return {id: pose_from_array(pose) for id, pose in poses.items()}
 
 
-def find_front_motion(
+def find_part_motion(
     hand: Manipulator,
-    opening: Opening,
+    part: ArticulatedPart,
     surroundings: Surroundings,
     target: float,
     *,
     start: float | None = None,
-    tried: Sequence[FrontMotion] = (),
+    tried: Sequence[PartMotion] = (),
     floor: FloorMap | None = None,
-) -> FrontMotion:
-    """Where to stand and how to move a front: the first way that moves it far, otherwise the best one.
+) -> PartMotion:
+    """Where to stand and how to move a part: the first way that moves it far, otherwise the best one.
 
     What was tried without success is tried from other places; each way three times.
 
     Args:
         hand: the arm.
-        opening: the front.
+        part: the door or drawer.
         surroundings: the things of the world.
         target: the position that its joint is to have [m or rad].
         start: the position from which it is moved; None for the present one.
         tried: what was tried without success.
-        floor: the free floor with the front at `start`, if it is known; the base is at its start.
+        floor: the free floor with the part at `start`, if it is known; the base is at its start.
 
     Raises:
         UnreachableError: there is none; with the reason for each way.
     """
-    start = opening.joint.position if start is None else start
-    search = _FrontSearch(hand, opening, surroundings, start, target, tried)
-    best: FrontMotion | None = None
-    reasons: dict[FrontWay, UnreachableError] = {}
+    start = part.joint.position if start is None else start
+    search = _PartMotionSearch(hand, part, surroundings, start, target, tried)
+    best: PartMotion | None = None
+    reasons: dict[PartContact, UnreachableError] = {}
     quick = _QUICK_STEPS if search.is_level else _LONG_STEPS
     for steps, way in product(dict.fromkeys((quick, _LONG_STEPS)), list(search.ways())):
         if sum(each.way is way for each in tried) >= _MAX_TRIES:
@@ -247,113 +247,113 @@ def find_front_motion(
     texts = [f"by its {way}: {error.reason}" if len(reasons) > 1 else error.reason for way, error in reasons.items()]
     raise UnreachableError(
         hand.robot.name,
-        target=opening.handle or opening.front,
+        target=part.handle or part.id,
         reason="; ".join(texts) or "every way to move it was tried",
         obstacle=next((each.obstacle for each in reasons.values() if each.obstacle is not None), None),
     )
 
 
-class _FrontSearch:
+class _PartMotionSearch:
     def __init__(
         self,
         hand: Manipulator,
-        opening: Opening,
+        part: ArticulatedPart,
         surroundings: Surroundings,
         start: float,
         target: float,
-        tried: Sequence[FrontMotion],
+        tried: Sequence[PartMotion],
     ) -> None:
-        self.hand, self.opening, self.surroundings, self.tried = hand, opening, surroundings, tried
-        self.handle = opening.handle or opening.front
-        joint = opening.joint
-        front = surroundings.pose(opening.front)
-        self.handle_in_front = pose_multiply(pose_inverse(front), surroundings.pose(self.handle))
+        self.hand, self.part, self.surroundings, self.tried = hand, part, surroundings, tried
+        self.handle = part.handle or part.id
+        joint = part.joint
+        part_pose = surroundings.pose(part.id)
+        self.handle_in_part = pose_multiply(pose_inverse(part_pose), surroundings.pose(self.handle))
         ends = self._handle_at(start), self._handle_at(target)
         count = max(int(np.ceil(1.2 * float(np.linalg.norm(ends[1][:3] - ends[0][:3])) / _STEP_M)), 2)
         self.positions = np.linspace(start, target, count + 1)
-        self.fronts = np.array([self._front_at(float(each)) for each in self.positions])
-        self.handles = np.array([pose_multiply(each, self.handle_in_front) for each in self.fronts])
+        self.part_poses = np.array([self._part_pose_at(float(each)) for each in self.positions])
+        self.handles = np.array([pose_multiply(each, self.handle_in_part) for each in self.part_poses])
         span = joint.open_position - joint.closed_position
         step = 0.02 * span
         low, high = sorted((joint.closed_position, joint.open_position))
         near = [self._handle_at(float(np.clip(start + sign * step, low, high))) for sign in (-1.0, 1.0)]
         outward = near[1][:3] - near[0][:3]
         self.outward = outward / np.linalg.norm(outward)
-        """Unit vector: where the handle moves when the front opens, at the start."""
+        """Unit vector: where the handle moves when the part opens, at the start."""
         self.openness = (start - joint.closed_position) / span
         self.is_closing = (target - start) * span < 0.0
         self.is_level = float(np.ptp(self.handles[:, 2])) < _LEVEL_M
         """Whether it moves horizontally, and stays where it is let go."""
 
-    def ways(self) -> Iterator[FrontWay]:
+    def ways(self) -> Iterator[PartContact]:
         """The ways that are possible, the preferred first."""
         if self.is_closing and not self.is_level:
-            yield FrontWay.PUSH
-        yield FrontWay.HANDLE
-        if not self.opening.joint.is_prismatic and self.openness >= _AJAR:
-            yield FrontWay.EDGE
-        if self.is_level and (self.is_closing or (not self.opening.joint.is_prismatic and self.openness >= _AJAR)):
-            yield FrontWay.PUSH
+            yield PartContact.PUSH
+        yield PartContact.HANDLE
+        if not self.part.joint.is_prismatic and self.openness >= _AJAR:
+            yield PartContact.EDGE
+        if self.is_level and (self.is_closing or (not self.part.joint.is_prismatic and self.openness >= _AJAR)):
+            yield PartContact.PUSH
 
-    def find(self, way: FrontWay, floor: FloorMap | None, steps: int) -> FrontMotion:
+    def find(self, way: PartContact, floor: FloorMap | None, steps: int) -> PartMotion:
         """The best placement of a way.
 
         Raises:
             UnreachableError: there is none.
         """
-        opening = self.opening
-        body, poses = (self.handle, self.handles) if way is FrontWay.HANDLE else (opening.front, self.fronts)
+        part = self.part
+        body, poses = (self.handle, self.handles) if way is PartContact.HANDLE else (part.id, self.part_poses)
         candidates = [(each, pose_multiply(poses, each.pose)) for each in self._candidates(way)]
-        if way is FrontWay.PUSH and self.is_closing and not opening.joint.is_prismatic:
+        if way is PartContact.PUSH and self.is_closing and not part.joint.is_prismatic:
             candidates = [*self._sweeps(), *candidates]
         free = self._free(way, body, self._within_reach(body, candidates))
-        request = PathPlacementRequest(
+        request = GraspMotionRequest(
             body,
             [grasp for grasp, _ in free],
             poses,
-            BACK_M[way is not FrontWay.EDGE],
+            BACK_M[way is not PartContact.EDGE],
             paths=[path for _, path in free],
-            joint=opening.joint.id,
+            joint=part.joint.id,
             joint_positions=self.positions.tolist(),
             moved=self._moved_door(),
-            touched=(opening.front, self.handle),
+            touched=(part.id, self.handle),
             least=_LEAST_PART,
             enough=_ENOUGH[self.is_level],
-            is_closed=way is FrontWay.PUSH,
-            checks_path_closed=way is not FrontWay.PUSH,
+            is_closed=way is PartContact.PUSH,
+            checks_path_closed=way is not PartContact.PUSH,
             steps=steps,
             avoided=[each.placement.base for each in self.tried if each.way is way],
         )
-        placement = find_path_placement(self.hand, request, floor)
-        return FrontMotion(way, placement, body, poses, request.paths[placement.number], self.positions)
+        placement = find_grasp_motion(self.hand, request, floor)
+        return PartMotion(way, placement, body, poses, request.paths[placement.number], self.positions)
 
-    def _front_at(self, position: float) -> Array:
-        return normalized_pose_array(self.opening.joint.pose_at(position))
+    def _part_pose_at(self, position: float) -> Array:
+        return normalized_pose_array(self.part.joint.pose_at(position))
 
     def _handle_at(self, position: float) -> Array:
-        return pose_multiply(self._front_at(position), self.handle_in_front)
+        return pose_multiply(self._part_pose_at(position), self.handle_in_part)
 
     def _moved_door(self) -> dict[BodyId, Array]:
         """Where a door with a vertical axis, which may shut in the base, and its handle are on the path; else empty."""
-        if self.opening.joint.is_prismatic or not self.is_level:
+        if self.part.joint.is_prismatic or not self.is_level:
             return {}
-        return {self.opening.front: self.fronts, self.handle: self.handles}
+        return {self.part.id: self.part_poses, self.handle: self.handles}
 
     # -- grasps ------------------------------------------------------------------------------------------------------
 
-    def _candidates(self, way: FrontWay) -> list[Grasp]:
+    def _candidates(self, way: PartContact) -> list[Grasp]:
         """The grasps or pushes of a way, the preferred first."""
-        hand, surroundings, opening = self.hand, self.surroundings, self.opening
-        front, edge = self.fronts[0], self.handle_in_front[:3]
-        outward = quat_rotate(quat_conjugate(front[3:]), self.outward)
-        body = surroundings.body(self.handle if way is FrontWay.HANDLE else opening.front)
+        hand, surroundings, part = self.hand, self.surroundings, self.part
+        part_pose, edge = self.part_poses[0], self.handle_in_part[:3]
+        outward = quat_rotate(quat_conjugate(part_pose[3:]), self.outward)
+        body = surroundings.body(self.handle if way is PartContact.HANDLE else part.id)
         geometry = surroundings.geometry(body.id)
-        if way is FrontWay.EDGE:
+        if way is PartContact.EDGE:
             return list(edge_grasps_of(body, geometry, outward, edge, hand.gripper, hand.shape))
-        if way is FrontWay.PUSH:
+        if way is PartContact.PUSH:
             side = outward if self.is_closing else -outward
             pushes = pushes_of(body, geometry, side, edge, hand.shape)
-            return [each for each in pushes if quat_rotate(each.in_world(front)[3:], (1.0, 0.0, 0.0))[2] < _MAX_UP]
+            return [each for each in pushes if quat_rotate(each.in_world(part_pose)[3:], (1.0, 0.0, 0.0))[2] < _MAX_UP]
         pose = self.handles[0]
 
         def facing(grasp: Grasp) -> float:
@@ -366,10 +366,10 @@ class _FrontSearch:
 
     def _sweeps(self) -> list[tuple[Grasp, Array]]:
         """Pushes of the closing door with the finger tips, with their paths."""
-        front = self.opening.front
-        outward = quat_rotate(quat_conjugate(self.fronts[0, 3:]), self.outward)
-        body, geometry = self.surroundings.body(front), self.surroundings.geometry(front)
-        return list(sweeps_of(body, geometry, outward, self.handle_in_front[:3], self.fronts, self.hand.shape))
+        id = self.part.id
+        outward = quat_rotate(quat_conjugate(self.part_poses[0, 3:]), self.outward)
+        body, geometry = self.surroundings.body(id), self.surroundings.geometry(id)
+        return list(sweeps_of(body, geometry, outward, self.handle_in_part[:3], self.part_poses, self.hand.shape))
 
     def _within_reach(self, body: BodyId, candidates: Sequence[tuple[Grasp, Array]]) -> Sequence[tuple[Grasp, Array]]:
         """The grasps that an arm reaches that takes the base along, if this stands where it likes; all for other arms.
@@ -406,7 +406,7 @@ class _FrontSearch:
         return found
 
     def _free(
-        self, way: FrontWay, body: BodyId, candidates: Sequence[tuple[Grasp, Array]]
+        self, way: PartContact, body: BodyId, candidates: Sequence[tuple[Grasp, Array]]
     ) -> list[tuple[Grasp, Array]]:
         """The grasps at which the gripper alone is free, with their paths, the longest free paths first.
 
@@ -415,7 +415,7 @@ class _FrontSearch:
         """
         if not candidates:
             return []
-        checker = HandChecker(self.hand.robot, self.hand.gripper, touch={self.opening.front, self.handle})
+        checker = HandChecker(self.hand.robot, self.hand.gripper, touch={self.part.id, self.handle})
         free: list[tuple[float, Grasp, Array]] = []
         worst: list[Collision] = []
         for grasp, path in candidates:
@@ -436,24 +436,24 @@ class _FrontSearch:
             )
         return _varied(long_enough)
 
-    def _hit_before(self, checker: HandChecker, way: FrontWay, grasp: Grasp, at: Array) -> Collision | None:
+    def _hit_before(self, checker: HandChecker, way: PartContact, grasp: Grasp, at: Array) -> Collision | None:
         """What the gripper touches at a grasp, or on the straight line to it."""
-        checker.set_joint(self.opening.joint.id, float(self.positions[0]))
+        checker.set_joint(self.part.joint.id, float(self.positions[0]))
         hand = self.hand
-        opening_m = 0.0 if way is FrontWay.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
+        opening_m = 0.0 if way is PartContact.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
         fingers = hand.fingers_at(opening_m)
         for back in (0.0, 0.5, 1.0):
-            length = back * min(BACK_M[way is not FrontWay.EDGE], hand.distance_before(at))
+            length = back * min(BACK_M[way is not PartContact.EDGE], hand.distance_before(at))
             place = pose_multiply(at, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
             if (hit := checker.find(place, fingers, strictly=True)) is not None:
                 return hit
         return None
 
-    def _free_part(self, checker: HandChecker, way: FrontWay, grasp: Grasp, path: Array) -> float:
+    def _free_part(self, checker: HandChecker, way: PartContact, grasp: Grasp, path: Array) -> float:
         """The part of the path along which the gripper is free."""
-        fingers = self.hand.fingers_at(0.0 if way is FrontWay.PUSH else grasp.width_m)
+        fingers = self.hand.fingers_at(0.0 if way is PartContact.PUSH else grasp.width_m)
         for row in range(0, len(path), _CHECKED_EVERY):
-            checker.set_joint(self.opening.joint.id, float(self.positions[row]))
+            checker.set_joint(self.part.joint.id, float(self.positions[row]))
             if checker.find(path[row], fingers) is not None:
                 return max(row - _CHECKED_EVERY, 0) / (len(path) - 1)
         return 1.0

@@ -23,7 +23,7 @@ from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
-__all__ = ["PathPlacement", "PathPlacementRequest", "find_path_placement"]
+__all__ = ["GraspMotion", "GraspMotionRequest", "find_grasp_motion"]
 
 _DISTANCES_M = (0.55, 0.7, 0.85, 0.45, 1.0, 1.15)
 """Distances of the base from what is grasped, the preferred first."""
@@ -72,7 +72,7 @@ _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
 
-class PathPlacement(NamedTuple):
+class GraspMotion(NamedTuple):
     """A place of the base, and motions of the arm from there."""
 
     base: BasePose
@@ -95,7 +95,7 @@ class PathPlacement(NamedTuple):
     """Number of poses of the path after which the motion is to end: the robot still has a way back there."""
 
 
-class PathPlacementRequest(NamedTuple):
+class GraspMotionRequest(NamedTuple):
     """What is to be done from one place."""
 
     target: BodyId
@@ -136,9 +136,7 @@ class PathPlacementRequest(NamedTuple):
     """Places from which it was tried without success: others are tried."""
 
 
-def find_path_placement(
-    hand: Manipulator, request: PathPlacementRequest, floor: FloorMap | None = None
-) -> PathPlacement:
+def find_grasp_motion(hand: Manipulator, request: GraspMotionRequest, floor: FloorMap | None = None) -> GraspMotion:
     """The best of the places tried: the first from which the whole path can be followed.
 
     Args:
@@ -161,7 +159,7 @@ class _Start(NamedTuple):
 
 
 class _Search:
-    def __init__(self, hand: Manipulator, request: PathPlacementRequest, floor: FloorMap | None) -> None:
+    def __init__(self, hand: Manipulator, request: GraspMotionRequest, floor: FloorMap | None) -> None:
         self.hand, self.request, self.floor = hand, request, floor
         robot = hand.robot
         self.later: dict[int, FloorMap] = {}
@@ -199,7 +197,7 @@ class _Search:
         hand_links = links_behind(robot.model, hand.gripper.link)
         self.hand_bodies = {links[link] for link in hand_links if link in links}
         self.own_bodies = set(links.values())
-        self.unproven: PathPlacement | None = None
+        self.unproven: GraspMotion | None = None
         """The first one to which the short search found no way of the arm; a longer one may."""
         self.hopeless: set[tuple[int, float]] = set()
         """Numbers and rooms of the grasps that fail wherever the base stands."""
@@ -211,9 +209,9 @@ class _Search:
         """The iterations and tests that the limit has counted, or that were before the search."""
         self.limit = SearchLimit(request.steps, part_of=hand.task.limit)
 
-    def find(self) -> PathPlacement:
-        """See `find_path_placement`."""
-        best: PathPlacement | None = None
+    def find(self) -> GraspMotion:
+        """See `find_grasp_motion`."""
+        best: GraspMotion | None = None
         for seed, pivot in self._begins():
             self.pivot = pivot
             best = self._find_from(seed, best)
@@ -262,7 +260,7 @@ class _Search:
         for _ in range(_RANDOM_SEEDS):
             yield {**self.positions, **dict(zip(arm, chance.uniform(low, high).tolist(), strict=True))}
 
-    def _find_from(self, seed: Mapping[str, float], best: PathPlacement | None) -> PathPlacement | None:
+    def _find_from(self, seed: Mapping[str, float], best: GraspMotion | None) -> GraspMotion | None:
         """The best placement, or the best of those before, with arms near to some positions."""
         stays = self.adjusts and seed is self.positions  # they belong to the place where the base is
         for base in (self.here,) if stays else self._bases():
@@ -359,7 +357,7 @@ class _Search:
             return False
         return True
 
-    def _finds_arm_way(self, placement: PathPlacement) -> bool:
+    def _finds_arm_way(self, placement: GraspMotion) -> bool:
         """Whether the arm, as it is now, finds its way to the begin of the path from where the base will be."""
         hand = self.hand
         try:
@@ -427,7 +425,7 @@ class _Search:
             for heading in _OTHER_HEADINGS_RAD:
                 yield (float(x), float(y), facing + heading)
 
-    def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> PathPlacement | None:
+    def _try(self, base: BasePose, grasp: Grasp, number: int, seed: Mapping[str, float]) -> GraspMotion | None:
         hand, request = self.hand, self.request
         self.fingers, self.last_hit = self._fingers(grasp), None
         poses = request.paths[number] if request.paths else pose_multiply(request.poses, grasp.pose)
@@ -474,12 +472,12 @@ class _Search:
                 self._count(path.reason, path.shortfall_m)
             return None
         count = len(request.poses)
-        placement = PathPlacement(
+        placement = GraspMotion(
             start.base, grasp, number, start.positions, reach, start.back_m, path.reason, path, reach, count
         )
         return self._with_exit(placement, poses) if request.joint is not None else placement
 
-    def _with_exit(self, placement: PathPlacement, poses: Array) -> PathPlacement:
+    def _with_exit(self, placement: GraspMotion, poses: Array) -> GraspMotion:
         """A placement whose path ends where the robot can still get away from what it has moved, if there is one.
 
         Args:
@@ -499,7 +497,7 @@ class _Search:
         why = "the robot would be shut in farther on, or its hand would not come off"
         return placement._replace(reach=cut, part=cut, why=why, stop=row + 1)
 
-    def _has_exit(self, placement: PathPlacement, at: Array, row: int) -> bool:
+    def _has_exit(self, placement: GraspMotion, at: Array, row: int) -> bool:
         """Whether the hand comes off, and the base can drive away, when the path is followed up to one of its poses.
 
         Args:

@@ -29,8 +29,8 @@ const STEPS = [
   {
     title: "Open the fridge",
     text: () => "Pull the fridge's door by its handle in the view, or select the door and move its slider under Details.",
-    show: async ({ front }) => {
-      if (front) await selection.select(front, { focus: true });
+    show: async ({ part }) => {
+      if (part) await selection.select(part, { focus: true });
       panels.show("details");
       return appears("#panel-details [data-section=joints]");
     },
@@ -102,7 +102,7 @@ function store(value) {
 
 class Tour {
   #index = -1;
-  #state = { camera: null, front: null, openness: 0 };
+  #state = { camera: null, part: null, openness: 0 };
   #cameraBefore = null;
   #touched = false;
   #timer = 0;

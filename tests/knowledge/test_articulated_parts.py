@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from mindstage.engines import NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.knowledge.queries import JointOpenness, OpenState, openings
+from mindstage.knowledge.queries import JointOpenness, OpenState, articulated_parts
 from mindstage.knowledge.questions import StateAccess, WorldState
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
@@ -46,47 +46,47 @@ def pull(sim: Simulation, handle: str, by: tuple[float, float, float]) -> None:
 
 
 def test_a_fridge_is_open_after_pulling_its_handle_and_closed_after_a_reset(sim: Simulation) -> None:
-    (closed,) = sim.ask(openings, thing="fridge")
+    (closed,) = sim.ask(articulated_parts, thing="fridge")
     assert (closed.state, closed.source, closed.unit) == (OpenState.CLOSED, "mujoco", "rad")
-    nothing = sim.ask(openings, state="open")
+    nothing = sim.ask(articulated_parts, state="open")
     assert (list(nothing), nothing.missing) == ([], ()), "it was measured, and nothing is open"
     pull(sim, "fridge_door_handle", (0.1, -0.55, 0.0))
-    (row,) = sim.ask(openings, state="open")
-    assert (local_name(row.thing), local_name(row.front)) == ("fridge", "fridge_door")
+    (row,) = sim.ask(articulated_parts, state="open")
+    assert (local_name(row.thing), local_name(row.part)) == ("fridge", "fridge_door")
     assert row.share is not None
     assert 0.4 < row.share <= 1.0
     assert row.way == pytest.approx(row.share * np.pi / 2, abs=1e-5)
-    turned, source = sim.knowledge.explain(openings, row)
+    turned, source = sim.knowledge.explain(articulated_parts, row)
     assert turned.startswith("fridge_door of fridge has turned by 0.")
     assert source == "as mujoco has it now"
-    (row,) = sim.knowledge.ask(openings, thing="fridge")
+    (row,) = sim.knowledge.ask(articulated_parts, thing="fridge")
     assert (row.state, row.way, row.source) == (OpenState.CLOSED, 0.0, "map")
-    assert sim.knowledge.explain(openings, row)[1] == "as the map has it; no simulation is running"
+    assert sim.knowledge.explain(articulated_parts, row)[1] == "as the map has it; no simulation is running"
     sim.reset()
-    assert not sim.ask(openings, state="open")
+    assert not sim.ask(articulated_parts, state="open")
 
 
 def test_a_drawer_is_open_by_as_much_as_it_slid(sim: Simulation) -> None:
     pull(sim, "drawer_left_1_handle", (0.0, -0.3, 0.0))
-    (row,) = sim.ask(openings, thing="drawer_unit_left", state="open")
-    assert local_name(row.front) == "drawer_left_1"
+    (row,) = sim.ask(articulated_parts, thing="drawer_unit_left", state="open")
+    assert local_name(row.part) == "drawer_left_1"
     assert (row.unit, row.way) == ("m", pytest.approx(0.3, abs=0.03))
     assert row.share == pytest.approx(row.way / 0.45, abs=1e-5)
-    assert len(sim.ask(openings, thing="drawer_unit_left", state="closed")) == 3
+    assert len(sim.ask(articulated_parts, thing="drawer_unit_left", state="closed")) == 3
 
 
 def test_an_engine_without_joint_positions_uses_the_map(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, NullEngine()) as sim:
         sim.spawn()
-        assert {(row.state, row.source) for row in sim.ask(openings)} == {(OpenState.CLOSED, "map")}
-        (missing,) = sim.ask(openings, state="open").missing
+        assert {(row.state, row.source) for row in sim.ask(articulated_parts)} == {(OpenState.CLOSED, "map")}
+        (missing,) = sim.ask(articulated_parts, state="open").missing
         assert missing.reason.startswith("joint positions are unknown")
 
 
 def test_every_front_has_one_answer_for_any_joint_roles(kitchen: KnowledgeBase) -> None:
-    rows = kitchen.ask(openings)
+    rows = kitchen.ask(articulated_parts)
     assert len(rows) == len(kitchen.world().joints)
-    of = {local_name(row.front): local_name(row.thing) for row in rows}
+    of = {local_name(row.part): local_name(row.thing) for row in rows}
     assert of["microwave_door"] == "microwave"
     assert of["drawer_middle_1"] == of["drawer_middle_2"] == "drawer_unit_middle"
     assert of["oven_door"] == "oven"
@@ -100,8 +100,8 @@ def test_a_door_belongs_to_the_container_that_it_closes(community: bool, shared_
         ontologies=[shared_data / "ontology"] if community else [],
     )
     classes = {
-        local_name(str(kb.reasoner.class_of(row.front))): local_name(str(kb.reasoner.class_of(row.thing)))
-        for row in kb.ask(openings)
+        local_name(str(kb.reasoner.class_of(row.part))): local_name(str(kb.reasoner.class_of(row.thing)))
+        for row in kb.ask(articulated_parts)
     }
     assert classes["IAIFridgeDoor"] == "IAIFridgeCasing", "the constraint names the block that the casing stands in"
     assert classes["IAIDrawerW60H36"] == "IAIFridgeArea"
@@ -112,11 +112,11 @@ def test_a_door_belongs_to_the_container_that_it_closes(community: bool, shared_
 # -- limits ------------------------------------------------------------------------------------------------------------
 
 
-def openings_of(scene: World, **joints: tuple[float, ...]) -> list[JointOpenness]:
+def articulated_parts_of(scene: World, **joints: tuple[float, ...]) -> list[JointOpenness]:
     """The answers for a scene with these joint positions."""
     kb = KnowledgeBase()
     state = WorldState(world=scene, spawned=(scene,), joint_positions=joints, source="hand")  # type: ignore[arg-type]
-    return list(openings.ask(kb, {}, present=StateAccess(kb, lambda: state)))
+    return list(articulated_parts.ask(kb, {}, present=StateAccess(kb, lambda: state)))
 
 
 def cabinet(joint: Joint, cls: str = KNOWROB + "Drawer") -> World:
@@ -149,7 +149,7 @@ def test_a_joint_is_open_from_the_stated_limit(
 ) -> None:
     positions = [0.0] * 6
     positions[axis] = way
-    (row,) = openings_of(cabinet(joint), joint=tuple(positions))
+    (row,) = articulated_parts_of(cabinet(joint), joint=tuple(positions))
     assert (row.state, row.way, row.source) == (state, pytest.approx(abs(way)), "hand")
     assert row.share == (None if share is None else pytest.approx(share))
 
@@ -166,16 +166,16 @@ def test_a_joint_is_open_from_the_stated_limit(
     ],
 )
 def test_doors_drawers_and_lids_open_something_and_knobs_do_not(cls: str, count: int) -> None:
-    assert len(openings_of(cabinet(SLIDE, cls), joint=(0.1, 0, 0, 0, 0, 0))) == count
+    assert len(articulated_parts_of(cabinet(SLIDE, cls), joint=(0.1, 0, 0, 0, 0, 0))) == count
 
 
 def test_a_joint_that_the_engine_does_not_measure_is_as_in_the_map() -> None:
-    (row,) = openings_of(cabinet(SLIDE), other=(0.1, 0, 0, 0, 0, 0))
+    (row,) = articulated_parts_of(cabinet(SLIDE), other=(0.1, 0, 0, 0, 0, 0))
     assert (row.state, row.source) == (OpenState.CLOSED, "map")
 
 
 def test_a_locked_joint_has_no_answer() -> None:
-    assert openings_of(cabinet(replace(SLIDE, linear=replace(SLIDE.linear, limit=0.0)))) == []
+    assert articulated_parts_of(cabinet(replace(SLIDE, linear=replace(SLIDE.linear, limit=0.0)))) == []
 
 
 def test_an_open_door_belongs_to_the_container_it_closes() -> None:
@@ -192,7 +192,7 @@ def test_an_open_door_belongs_to_the_container_it_closes() -> None:
     state = WorldState(
         world=now, spawned=(shut,), joint_positions={BodyId("joint"): (0, 0, 0, 0, 0, 0.7)}, source="hand"
     )
-    (row,) = openings.ask(kb, {}, present=StateAccess(kb, lambda: state))
+    (row,) = articulated_parts.ask(kb, {}, present=StateAccess(kb, lambda: state))
     assert (local_name(row.thing), row.state) == ("casing", OpenState.OPEN)
 
 
@@ -200,6 +200,6 @@ def test_a_world_without_a_map_has_answers() -> None:
     with Simulation(KnowledgeBase(), MujocoEngine()) as sim:
         sim.spawn(kitchenette())
         pull(sim, "DrawerHandle", (-0.3, 0.0, 0.0))
-        (row,) = sim.ask(openings, thing="Cupboard")
-        assert (local_name(row.front), row.state) == ("Drawer", OpenState.OPEN)
+        (row,) = sim.ask(articulated_parts, thing="Cupboard")
+        assert (local_name(row.part), row.state) == ("Drawer", OpenState.OPEN)
         assert row.map == kitchenette().iri
