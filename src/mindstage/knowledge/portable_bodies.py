@@ -27,7 +27,9 @@ __all__ = ["with_portable_bodies"]
 _MAX_GAP_M = 0.02
 """A body rests on another one if the distance from its lower side is at most this [m]."""
 _MIN_COMMON_AREA_M2 = 1e-6
+"""Bodies whose footprints have a smaller intersection are beside each other."""
 _MAX_NAMED = 5
+"""Bodies that the assumption names."""
 
 
 def with_portable_bodies(world: World, source_map: SourceMap, rule_of: Callable[[Iri], ShapeRule]) -> World:
@@ -67,7 +69,15 @@ def _is_portable(rule: ShapeRule) -> bool:
 
 
 def _supported(world: World, portable: list[Body], rule_of: Callable[[Iri], ShapeRule]) -> set[BodyId]:
-    """The ids of the bodies that stand on another one, or on the bottom of one that contains them."""
+    """The ids of the bodies that stand on another one, or on the bottom of one that contains them.
+
+    What is on a shelf inside of another body is not found, since a map has neither walls nor shelves; it stays static.
+
+    Args:
+        world: the world, whose bodies count as their boxes.
+        portable: the bodies in question.
+        rule_of: see `with_portable_bodies`; a body without a size has the typical size of its class.
+    """
     bodies = [each for each in world.bodies if any(each.pose.quaternion)]
     poses = pose_array(each.pose for each in bodies)
     poses[:, 3:] = normalize(poses[:, 3:])
