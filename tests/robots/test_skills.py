@@ -362,11 +362,11 @@ class TestSmallKitchen:
             pantry.joint(part.id).open(fraction)
             yield 0.1
 
-        monkeypatch.setattr(handling, "_friction_placement", lambda *args, **options: (None, None))
+        monkeypatch.setattr(handling, "_by_friction", lambda *args, **options: (None, None))
         monkeypatch.setattr(handling, "_standing_before", standing_before)
         monkeypatch.setattr(handling, "moving_part", moving_part)
         task = SkillTask(robot)
-        motion = handling._hand_before(task, hands_of(task)[0], task.surroundings(), mug, upright=None, stays=False)
+        motion = handling._hand_before(task, hands_of(task)[0], mug, upright=None, stays=False)
         assert robot.run(motion) == "in front of it"
         assert attempts == pytest.approx([0.6, 1.0], abs=0.05)
 
