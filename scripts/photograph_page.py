@@ -36,8 +36,8 @@ SIZE = (1280, 800)
 SHOTS = {
     "kitchen-answer.png": ("--size", "1000x640", "--highlight", "storage_place_in_environment item=CowsMilk"),
     "kitchen-plan.png": ("--size", "1000x640", "--top", "--section", "1.3"),
-    "imagine.png": (
-        *("--size", "840x520", "--for", "2", "--imagine"),
+    "plan.png": (
+        *("--size", "840x520", "--for", "2", "--plan"),
         """{"steps": [{"do": "move", "thing": "milk_carton_1", "to": {"position": [-0.1, -0.155, 0.85]}},
                       {"do": "wait", "duration_s": 1}],
             "uncertainty": [{"thing": "milk_carton_1", "position_m": 0.01}]}""",

@@ -39,7 +39,7 @@ def test_the_wheel_contains_every_file_of_the_package(wheel: zipfile.ZipFile) ->
         "mindstage/maps/bundled/kitchen.owl",
         "mindstage/msgs/definitions/world_control_msgs/srv/SpawnModel.srv",
         "mindstage/prolog/questions.pl",
-        "mindstage/viewer/page/style.css",
+        "mindstage/viewer/web/style.css",
     } <= contents
 
 

@@ -94,7 +94,7 @@ def requests_of_page(folder: Path, methods: list[str]) -> Iterator[tuple[str, di
     yield "ask.sparql", {"query": "SELECT ?x FROM <file:///etc/hostname> {?x ?y ?z}"}
     yield "ask.prolog", {"line": "consult('/etc/hostname')."}
     yield "ask", {"question": "no_such", "args": {}}
-    yield "imagine", {"plan": "include: /etc/hostname"}
+    yield "plan.evaluate", {"plan": "include: /etc/hostname"}
     yield "save", {"format": "none"}
 
 

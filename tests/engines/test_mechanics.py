@@ -67,7 +67,7 @@ def test_the_bundled_kitchen_falls_asleep_and_is_the_same_each_time() -> None:
     for _ in range(2):
         with ms.open("bundled:kitchen") as sim:
             sim.step(3.0)
-            stats = sim.run_on_engine(lambda engine: engine.stats())
+            stats = sim.engine.run(lambda engine: engine.stats())
             assert stats.awake == 0, stats
             assert stats.movable > 150
             results.append(sim.state.poses)

@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from mindstage.engines import Capability, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, PlanError
+from mindstage.imagination.plans import Plan, Wait
 from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_from_text
+from mindstage.imagination.verdicts import evaluate_plan
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question, list_questions
 from mindstage.maps import bundled_kitchen
@@ -20,6 +23,7 @@ from mindstage.maps.io.write import write_map
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import KNOWROB, MAP, kitchenette
 
 IMAGINING = {"stays", "fits_now", "would_tip", "can_open", "reachable_by_pull", "would_spill", "what_if"}
@@ -47,7 +51,7 @@ def sim() -> Iterator[Simulation]:
         before, revision = sim.snapshot(), sim.state.revision
         yield sim
         assert diff(before, sim.snapshot()).identical(0.0)
-        assert (sim.state.revision, sim.state.time_s, sim.imaginations) == (revision, 0.0, ())
+        assert (sim.state.revision, sim.state.time_s, sim.forks) == (revision, 0.0, ())
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +59,29 @@ def kitchen() -> Iterator[KnowledgeBase]:
     with KnowledgeBase() as knowledge:
         knowledge.load(bundled_kitchen())
         yield knowledge
+
+
+@pytest.mark.parametrize("has_floor", [True, False])
+def test_a_carton_that_overhangs_falls_and_answers_and_verdicts_name_the_assumed_ground(has_floor: bool) -> None:
+    def part(id: str, position: Any, size: Any, mobility: Mobility) -> Body:
+        return msgspec.structs.replace(box(id, position, size), physics=BodyPhysics(mobility=mobility))
+
+    bodies = [
+        part("table", (-0.5, 0.0, 0.35), (1.0, 1.0, 0.7), Mobility.STATIC),
+        part("carton", (0.02, 0.0, 0.75), (0.1, 0.1, 0.1), Mobility.DYNAMIC),
+        part("cup", (-0.5, 0.0, 0.75), (0.1, 0.1, 0.1), Mobility.DYNAMIC),
+        *([part("floor", (0.0, 0.0, -0.05), (6.0, 6.0, 0.1), Mobility.STATIC)] if has_floor else []),
+    ]
+    assumption = "a ground is assumed at a height of 0.000 m, since the map has none below carton"
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
+        simulation.spawn(World(iri=Iri(MAP + "map"), bodies=tuple(bodies)))
+        assert simulation.ask("stays", thing="cup")[0].why.endswith(assumption) is not has_floor
+        answers = simulation.ask("stays", thing="carton")
+        assert not answers
+        assert "carton fell by 0.70 m from table" in reasons(answers)
+        assert (assumption in reasons(answers)) is not has_floor
+        verdict = evaluate_plan(simulation, Plan(steps=(Wait(duration_s=1.0),)))
+        assert (assumption in verdict.assumptions) is not has_floor
 
 
 def reasons(answers: Any) -> str:
@@ -200,7 +227,7 @@ def fields(row: Any) -> dict[str, Any]:
     return {field.name: field.value for field in row.answer}
 
 
-@pytest.mark.parametrize(
+@each_case(
     "edit",
     [
         "open the Drawer",
@@ -242,7 +269,7 @@ def test_without_an_answer_the_reasons_are_those_after_the_edit(sim: Simulation)
     assert reasons(answers).startswith("after the edit, ")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("edit", "question", "error"),
     [
         ("juggle the Mug", "where_is Mug", InvalidArgumentError),
@@ -276,7 +303,7 @@ def test_they_are_declared_like_all_others(sim: Simulation) -> None:
     assert get_question("would-tip") is declared["would_tip"]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("sentence", "question"),
     [
         ("would the Mug stay on the Cupboard?", "stays"),
@@ -290,14 +317,14 @@ def test_plain_sentences_ask_them(sim: Simulation, sentence: str, question: str)
     assert sim.ask(sentence).question.name == question
 
 
-@pytest.mark.parametrize("question", sorted(IMAGINING))
+@each_case("question", sorted(IMAGINING))
 def test_without_arguments_they_say_what_to_give(sim: Simulation, question: str) -> None:
     answers = sim.ask(question)
     assert not answers
     assert reasons(answers).startswith("give ")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("question", "args"),
     [
         ("stays", {"thing": "Mug", "uncertainty": "weight=2"}),
@@ -319,7 +346,7 @@ def test_nothing_that_is_asked_changes_the_world(sim: Simulation) -> None:
     assert not sim.ask("stays", "Overhanging")
     assert sim.ask("what_if", "open Drawer then put Mug on Fridge", "where_is Mug", wait_s=0.2)
     assert diff(before, sim.snapshot()).identical(0.0)
-    assert (sim.state.revision, sim.state.time_s, sim.imaginations) == (revision, 0.0, ())
+    assert (sim.state.revision, sim.state.time_s, sim.forks) == (revision, 0.0, ())
 
 
 # -- sources -----------------------------------------------------------------------------------------------------------
@@ -358,7 +385,7 @@ class Unforkable(MujocoEngine):
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
     with Simulation(KnowledgeBase(), engine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
-        sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
+        sim.engine.run(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()
         answers = sim.ask("stays", "Mug")
         assert not answers  # it overhangs in the present state, not in the map

@@ -19,7 +19,7 @@ SIZES = {"desktop": (1280, 800), "tablet": (1000, 700), "phone": (390, 844)}
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
 MIN_TARGET_PX = 40.0
 TARGETS = "button, select, input:not([type=checkbox], [type=file]), textarea, summary, label:has(> [type=checkbox])"
-PANELS = ("outline", "details", "add", "ask", "imagine", "status", "robot")
+PANELS = ("outline", "details", "add", "ask", "plan", "status", "robot")
 
 Page = Any
 OpenPage = Any
@@ -126,7 +126,9 @@ def states(page: Page, simulation: Simulation) -> Iterator[str]:
             page.keyboard.press("Escape")
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "size", [pytest.param(size, marks=pytest.mark.slow if size == "tablet" else []) for size in SIZES]
+)
 def test_no_state_of_the_page_violates_wcag(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage, axe: str, size: str
 ) -> None:
@@ -198,7 +200,7 @@ def test_the_sign_in_page_has_no_violations(simulation: Simulation, panel_browse
 
 
 def test_nothing_moves_if_the_user_wants_no_motion() -> None:
-    folder = Path(str(ROOT), "src", "mindstage", "viewer", "page")
+    folder = Path(str(ROOT), "src", "mindstage", "viewer", "web")
     for path in folder.glob("*.css"):
         text = path.read_text(encoding="utf-8")
         free = text.partition("prefers-reduced-motion")[0]

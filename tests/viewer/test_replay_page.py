@@ -152,7 +152,7 @@ def test_a_click_on_an_event_shows_it_and_flies_to_it(
 def test_the_path_of_the_selected_body_is_drawn(tab: PageTab, viewer: Viewer, replay: EpisodeReplay) -> None:
     tab.select_in_tree("Mug")
     tab.click_button("timeline-trail")
-    wait_until(lambda: "trail" in viewer._imagine._nodes.layers, "the ghosts are drawn")
+    wait_until(lambda: "trail" in viewer._plans._nodes.layers, "the ghosts are drawn")
     wait_until(lambda: replay.state.markers, "the line is drawn")
     (line,) = replay.state.markers
     heights = [point[2] for point in line.points]
@@ -160,7 +160,7 @@ def test_the_path_of_the_selected_body_is_drawn(tab: PageTab, viewer: Viewer, re
     assert min(heights) < 0.1
     wait_until(lambda: "Path of Mug" in tab.page.locator("[data-action=timeline-trail]").inner_text(), "it is named")
     tab.click_button("timeline-trail")
-    wait_until(lambda: "trail" not in viewer._imagine._nodes.layers and not replay.state.markers, "it is removed")
+    wait_until(lambda: "trail" not in viewer._plans._nodes.layers and not replay.state.markers, "it is removed")
     tab.select_in_tree("Floor")
     tab.click_button("timeline-trail")
     wait_until(lambda: tab.shows_text("it does not move in this recording"), "it is refused for what does not move")
@@ -289,12 +289,12 @@ def test_a_recording_is_finished_when_the_viewer_is_closed(tmp_path: Path) -> No
 def test_a_plan_is_tried_in_copies_of_the_shown_moment(tab: PageTab, replay: EpisodeReplay) -> None:
     replay.seek(0.2)
     before = replay.state.poses.copy()
-    tab.open_panel("imagine")
+    tab.open_panel("plan")
     tab.page.locator("[data-role=plan]").fill(
         "steps:\n  - {do: move, thing: Mug, to: {position: [1.0, 0.0, 1.2]}}\n  - {do: wait, duration_s: 1}\n"
     )
     tab.page.get_by_label("Samples", exact=True).fill("3")
-    tab.click_button("imagine")
+    tab.click_button("plan-evaluate")
     verdict = tab.page.locator("[data-role=verdict]")
     wait_until(lambda: "Mug fell" in verdict.inner_text(), "the verdict is that of physics")
     assert np.array_equal(replay.state.poses, before)

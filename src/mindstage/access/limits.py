@@ -312,7 +312,7 @@ FOUND_CLASSES = _limit("classes that a search of the page finds", 120, "a list t
 TRAIL_POINTS = _limit("points of the trail of a body", 2_000, "more are not told apart", excess=Excess.CUT)
 TRAIL_GHOSTS = _limit("copies along the trail of a body", 12, "more cover one another", excess=Excess.CUT)
 GHOSTS = _limit("end poses that are drawn for a body of a plan", 200, "more cover one another", excess=Excess.CUT)
-IMAGINED_BODIES = _limit(
+COPIED_BODIES = _limit(
     "bodies that are drawn for an open copy", 300, "only those that differ are drawn", excess=Excess.CUT
 )
 ANSWER_PARTS = _limit("terms in the solutions of a goal", 20_000_000, "their conversion needs memory")

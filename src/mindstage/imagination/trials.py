@@ -169,7 +169,7 @@ def _scene(kb: QuestionContext, present: StateAccess, state: WorldState) -> Imag
         if ("scene",) not in present.memo:
             history, time_s = present.past
             with history.resume(time_s) as resumed:
-                source = f"{resumed.engine_name}, continued at {time_s:g} s of {history.name}"
+                source = f"{resumed.engine.name}, continued at {time_s:g} s of {history.name}"
                 present.memo["scene",] = ImaginedScene(SimulationImage.capture(resumed), home, source)
         return present.memo["scene",]  # type: ignore[no-any-return]
 
@@ -186,7 +186,7 @@ def _scene(kb: QuestionContext, present: StateAccess, state: WorldState) -> Imag
 @contextmanager
 def physical_simulation(simulation: Simulation) -> Iterator[Simulation]:
     """The simulation itself, or a copy of it in MuJoCo if its engine has no physics."""
-    if simulation.engine_name != "null":
+    if simulation.engine.name != "null":
         yield simulation
         return
     with simulation.fork(threaded=False, physics=True) as copy:
@@ -216,7 +216,7 @@ class Trials:
     left_out: int = 0
     """The number of samples for which no time was left."""
     notes: tuple[str, ...] = ()
-    """The uncertainty that is stated in the maps, one sentence each."""
+    """The uncertainty that is stated in the maps, and what the engine assumes, one sentence each."""
 
     @property
     def tried(self) -> int:
@@ -309,7 +309,8 @@ def run_trials(
         done += 1
         if time.monotonic() > deadline:
             break
-    return {id: Trials(tuple(each), seed or 0, uncertain, count - done, stated.notes) for id, each in found.items()}
+    notes = (*stated.notes, *scene.image.assumptions)
+    return {id: Trials(tuple(each), seed or 0, uncertain, count - done, notes) for id, each in found.items()}
 
 
 def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty, ...]:

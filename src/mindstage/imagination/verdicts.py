@@ -401,7 +401,7 @@ def _verdict(
     counts = Counter(result.outcome for result in results)
     succeeded, failed = counts[Outcome.SUCCEEDED], counts[Outcome.FAILED]
     known = succeeded + failed
-    rests_on = [*image.notes, *assumptions]
+    rests_on = [*image.notes, *image.assumptions, *assumptions]
     if is_uncertain(plan):
         interval = _interval(counts)
     else:

@@ -186,7 +186,7 @@ class Spawn(GeometryEdit, frozen=True):
     immovable: frozenset[BodyId] = frozenset()
     """Dynamic bodies that are simulated as static ones, such as walls, until their physics is set."""
     ground: bool = False
-    """Whether a ground plane is added where there is nothing below loose bodies."""
+    """Whether a ground is assumed where there is nothing below loose bodies."""
     settle: bool = True
     """Whether loose bodies are moved out of what they overlap; otherwise such pairs do not collide."""
     excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()

@@ -16,7 +16,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from mindstage.access.limits import GHOSTS, IMAGINED_BODIES
+from mindstage.access.limits import COPIED_BODIES, GHOSTS
 from mindstage.rendering.appearance import BodyAppearance, merge_visuals
 from mindstage.scene import BodyId, Color
 from mindstage.scene.colors import srgb_to_linear
@@ -45,7 +45,7 @@ _TINTS: tuple[Color, ...] = ((0.2, 0.45, 0.9), (0.62, 0.3, 0.85), (0.05, 0.65, 0
 _MOVED_M = 1e-3
 _TURNED = 1e-3
 """A body of a copy is drawn if its position [m] or a component of its unit quaternion differs by more."""
-_IMAGINED_INTERVAL_S = 0.1
+_COPIES_INTERVAL_S = 0.1
 _TRAIL = 8
 """Number of moments of a sample in a picture."""
 
@@ -226,8 +226,8 @@ class ImaginationGhosts:
         """
         if time.monotonic() < self._due_s:
             return None
-        self._due_s = time.monotonic() + _IMAGINED_INTERVAL_S
-        copies = simulation.imaginations
+        self._due_s = time.monotonic() + _COPIES_INTERVAL_S
+        copies = simulation.forks
         self._numbers = {id(copy): self._numbers.get(id(copy), -1) for copy in copies}
         for key, number in self._numbers.items():
             if number < 0:
@@ -241,7 +241,7 @@ class ImaginationGhosts:
             differing = _differing_rows(snapshot, state)
             if copy in shown:
                 layers.add(layer)
-                rows, tint = differing[: IMAGINED_BODIES.count], np.array([color])
+                rows, tint = differing[: COPIED_BODIES.count], np.array([color])
                 groups = (GhostGroup(state.ids[row], state.poses[row : row + 1], tint) for row in rows)
                 self._nodes.show(layer, groups, appearances)
             found.append({"number": number, "color": color, "time_s": state.time_s, "differing": len(differing)})

@@ -59,7 +59,7 @@ def page_files() -> dict[str, StaticFile]:
     """All files of the page by name, read once."""
     found = {}
     # Wheels are unpacked on installation, so the folder exists.
-    for path in Path(__file__).with_name("page").iterdir():
+    for path in Path(__file__).with_name("web").iterdir():
         if (type := _TYPES.get(path.suffix)) is not None:
             content = path.read_bytes()
             found[path.name] = StaticFile(type, content, f'"{hashlib.sha256(content).hexdigest()[:24]}"')

@@ -38,7 +38,7 @@ from mindstage.viewer.episodes import RecordingHandler, TimelineHandler
 from mindstage.viewer.ghosts import GhostNodes
 from mindstage.viewer.handlers import Handlers
 from mindstage.viewer.http import texture_path
-from mindstage.viewer.imagine import ImagineHandler
+from mindstage.viewer.plans import PlanHandler
 from mindstage.viewer.robots import RobotHandler
 from mindstage.viewer.scene import Clickable, MarkerNodes, Pick, ViewerScene
 from mindstage.viewer.server import CLIENT, RpcChannel, address, serve, shut_down
@@ -117,7 +117,7 @@ class Viewer:
         self._markers = MarkerNodes(self._server)
         self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
         ghosts = GhostNodes(self._server)
-        self._imagine = ImagineHandler(simulation, self.channel, ghosts)
+        self._plans = PlanHandler(simulation, self.channel, ghosts)
         self._robots = RobotHandler(simulation, self.channel, self._server, view_center=self._handlers.view_center)
         self._recording = RecordingHandler(simulation, self.channel)
         self._timeline: TimelineHandler | None = None
@@ -167,7 +167,7 @@ class Viewer:
         Returns:
             The positions of the ghosts [m], which `views.focus_points` frames.
         """
-        return self._imagine.show(verdict)
+        return self._plans.show(verdict)
 
     def show_path(self, id: BodyId | None) -> None:
         """Shows the path of a body over the whole recording, as a line and ghosts; None removes it.
@@ -189,7 +189,7 @@ class Viewer:
         self._remove_listener()
         self._wakeup.set()
         self._thread.join()
-        self._imagine.close()
+        self._plans.close()
         self._robots.close()
         self._recording.close()
         self._drag_controller.release_all()
@@ -245,7 +245,7 @@ class Viewer:
         if before is None or snapshot.markers is not before.markers or snapshot.revision != before.revision:
             self._markers.show(snapshot.markers, self._scene.appearances)
         self._snapshot = snapshot
-        self._imagine.update(snapshot, self._scene.appearances)
+        self._plans.update(snapshot, self._scene.appearances)
         self._robots.update()
         if self._timeline is not None:
             self._timeline.update(snapshot, self._scene.appearances)

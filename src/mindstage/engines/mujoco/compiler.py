@@ -263,6 +263,7 @@ _KINEMATIC_MASS_KG = 1e6
 
 So large that no contact changes its velocity; the solver's tolerance is set without it.
 """
+_GROUND_THICKNESS_M = 0.2
 _MIN_INERTIA_SIZE_M = 0.005
 """Minimum size for inertia, so that a sheet of paper is not too easy to spin."""
 _MIN_RESTITUTION = 0.5
@@ -685,13 +686,17 @@ class _SpecBuilder:
         return self.meshes[shape.points]
 
     def add_ground(self) -> None:
-        """Adds the ground plane, which only loose bodies collide with: a door must not rub on it."""
-        height_m = self.model_input.builder.ground_height_m
-        if height_m is not None:
-            self.spec.worldbody.add_geom(
-                name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], pos=[0.0, 0.0, height_m],
-                contype=_GROUND_CONTACT, conaffinity=0,
-            )  # fmt: skip
+        """Adds the ground, which only loose bodies collide with: a door must not rub on it."""
+        ground = self.model_input.builder.ground
+        if ground is None:
+            return
+        options: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0]}
+        options["pos"] = [0.0, 0.0, ground.height_m]
+        if ground.area is not None:  # a plane is infinite, whatever its size
+            x, y, far_x, far_y = ground.area
+            half = [(far_x - x) / 2, (far_y - y) / 2, _GROUND_THICKNESS_M / 2]
+            options = {"size": half, "pos": [(x + far_x) / 2, (y + far_y) / 2, ground.height_m - half[2]]}
+        self.spec.worldbody.add_geom(name="ground", contype=_GROUND_CONTACT, conaffinity=0, **options)
 
     def add_excludes(self) -> None:
         """Excludes contacts of pairs."""

@@ -288,8 +288,19 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
 
+    def include_separated_pairs(self) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now."""
+        compiled, pairs = self._compiled, self.builder.collision_filter.temporary_pairs
+        if not pairs or self.stale or compiled is None:
+            return
+        compiled.update_poses()
+        if apart := {pair for pair in pairs if compiled.are_apart(*pair, _APART_M)}:
+            self.builder.include_pairs(apart)
+            compiled.include_pairs(apart)
+
     def check_free_bodies(self) -> None:
         """Makes bodies static that fell far below the place."""
+        self.include_separated_pairs()
         compiled = self._compiled
         if compiled is None or not compiled.free_joint_addresses or self.builder.bounds is None:
             return
@@ -446,7 +457,9 @@ _DIVIDED_CONTACT_DURATION_S = 0.00035
 """The same with time steps in `SUBSTEPS` parts, as measured for blades that fall on thin plates [s]."""
 _GRAVITY_M_S2 = 9.81
 _MAX_UNCHECKED_STEPS = 50
-"""Number of time steps after which falling bodies are checked."""
+"""Number of time steps after which falling bodies and pairs that overlapped are checked."""
+_APART_M = 0.001
+"""Pairs that overlapped collide again once they were so far apart [m]."""
 _MAX_BEYOND_LIMIT = 0.05
 """Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-12
@@ -570,6 +583,7 @@ class MujocoEngine(EditingEngine):
         if cache.stale or not self._move_in_place(cache, id, target, restores=restores):
             cache.move(id, target)
         cache.registry.move(id, pose)
+        cache.include_separated_pairs()
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._require_open().registry.highlight(ids, color)
@@ -730,6 +744,11 @@ class MujocoEngine(EditingEngine):
 
     def close(self) -> None:
         self._closed = True
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """See `AssumingEngine`."""
+        return self._require_open().builder.assumptions
 
     @property
     def notes(self) -> tuple[SpawnNote, ...]:

@@ -139,8 +139,10 @@ class _Document:
         """Builds the document."""
         ElementTree.SubElement(self.root, "compiler", angle="radian")
         timestep = repr(float(self.model.opt.timestep))
-        option = {"timestep": timestep, "integrator": "implicitfast", "cone": "elliptic", "impratio": "10"}
-        ElementTree.SubElement(self.root, "option", option)
+        impratio = repr(float(self.model.opt.impratio))
+        attributes = {"timestep": timestep, "integrator": "implicitfast", "cone": "elliptic", "impratio": impratio}
+        option = ElementTree.SubElement(self.root, "option", attributes)
+        ElementTree.SubElement(option, "flag", sleep="enable", autoreset="disable")
         self._add_custom_texts()
         self.root.append(self.assets)
         self._add_hull_meshes()

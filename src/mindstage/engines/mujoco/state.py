@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Callable, Collection, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -443,6 +443,33 @@ class CompiledModel:
         if self.poses_outdated:
             mujoco.mj_kinematics(self.model, self.data)
             self.poses_outdated = False
+
+    def are_apart(self, a: BodyId, b: BodyId, distance_m: float) -> bool:
+        """Whether the shapes of two bodies are so far apart at least, by the poses in `data` (`update_poses`)."""
+        model, data = self.model, self.data
+        geoms = [np.flatnonzero(self.geom_rows == self.rows[id]) for id in (a, b)]
+        one, other = (each.reshape(-1) for each in np.meshgrid(*geoms))
+        between = np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other], axis=1)
+        near = between < model.geom_rbound[one] + model.geom_rbound[other] + distance_m
+        return all(
+            mujoco.mj_geomDistance(model, data, first, second, distance_m, None) >= distance_m
+            for first, second in zip(one[near].tolist(), other[near].tolist(), strict=True)
+        )
+
+    def include_pairs(self, pairs: Iterable[tuple[BodyId, BodyId]]) -> None:
+        """Lets excluded pairs collide, in a copy of the model, since forks share it.
+
+        MuJoCo searches the sorted signatures of excluded pairs: each one is overwritten by a neighbor that stays.
+        """
+        self.model = copy.copy(self.model)
+        signatures = self.model.exclude_signature
+        ends = np.sort([[self.body_ids[id] for id in pair] for pair in pairs], axis=1)
+        kept = np.flatnonzero(~np.isin(signatures, (ends[:, 0] << 16) + ends[:, 1]))
+        if len(kept):
+            nearest = np.searchsorted(kept, np.arange(len(signatures))).clip(max=len(kept) - 1)
+            signatures[:] = signatures[kept[nearest]]
+        else:
+            signatures[:] = 0  # no pair has this one
 
     def poses(self) -> Array:
         """All poses, n x 7, in the order of `rows`."""

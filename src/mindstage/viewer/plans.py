@@ -1,4 +1,4 @@
-"""The Imagine panel: tries plans in copies of the simulation, and shows the outcome as ghosts in the view.
+"""The Plan panel: tries plans in copies of the simulation, and shows the outcome as ghosts in the view.
 
 One plan at a time runs, in a thread of its own, for all pages; they share the result and the ghosts.
 """
@@ -39,14 +39,14 @@ from mindstage.viewer.ghosts import (
 )
 from mindstage.viewer.server import CLIENT, ClientSession, EmptyRequest, RpcChannel
 
-__all__ = ["ImagineHandler"]
+__all__ = ["PlanHandler"]
 
-_TOPIC = "imagine"
+_TOPIC = "plan"
 _END_POSES, _REPLAY = "end poses", "replay"
 
 
-class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `imagine`."""
+class EvaluatePlanRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of `plan.evaluate`."""
 
     plan: Annotated[str, Meta(max_length=PLAN_CHARACTERS.count)]
     """JSON or YAML."""
@@ -58,20 +58,20 @@ class ImagineRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ActRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `imagine.act`."""
+    """Parameters of `plan.act`."""
 
     plan: Annotated[str, Meta(max_length=PLAN_CHARACTERS.count)]
     """JSON or YAML."""
 
 
 class ShowCopiesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `imagine.show_copies`."""
+    """Parameters of `plan.show_copies`."""
 
     shown: bool
 
 
-class ImagineHandler:
-    """Handles the requests `imagine` and `imagine.…`, and publishes their state as the topic `imagine`."""
+class PlanHandler:
+    """Handles the requests `plan.…`, and publishes their state as the topic `plan`."""
 
     def __init__(self, simulation: Simulation, channel: RpcChannel, nodes: GhostNodes) -> None:
         """Registers the requests.
@@ -94,12 +94,12 @@ class ImagineHandler:
         """How bodies are drawn that exist in the copies only."""
         self._replay: ReplayGhosts | None = None
         self._replay_start: float | None = None
-        channel.register("imagine", ImagineRequest, self._start, SPAWN, queue="imagine")
-        channel.register("imagine.act", ActRequest, self._act, RUN, queue="imagine")
-        channel.register("imagine.cancel", EmptyRequest, self._stop, READ, queue="imagine.cancel")
-        channel.register("imagine.replay", EmptyRequest, self._play, READ, queue="imagine")
-        channel.register("imagine.clear", EmptyRequest, self._clear, READ, queue="imagine")
-        channel.register("imagine.show_copies", ShowCopiesRequest, self._show_copies, READ, queue="imagine")
+        channel.register("plan.evaluate", EvaluatePlanRequest, self._start, SPAWN, queue="plan")
+        channel.register("plan.act", ActRequest, self._act, RUN, queue="plan")
+        channel.register("plan.cancel", EmptyRequest, self._stop, READ, queue="plan.cancel")
+        channel.register("plan.replay", EmptyRequest, self._play, READ, queue="plan")
+        channel.register("plan.clear", EmptyRequest, self._clear, READ, queue="plan")
+        channel.register("plan.show_copies", ShowCopiesRequest, self._show_copies, READ, queue="plan")
         self._publish()
 
     def close(self) -> None:
@@ -157,7 +157,7 @@ class ImagineHandler:
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
-    def _start(self, _: ClientSession, request: ImagineRequest) -> dict[str, object]:
+    def _start(self, _: ClientSession, request: EvaluatePlanRequest) -> dict[str, object]:
         self._require_processes(request)
         plan = self._checked_plan(request.plan)
         state = {"state": "running", "name": plan.plan.name, "done": 0, "samples": request.samples}
@@ -172,7 +172,7 @@ class ImagineHandler:
         return {"steps": len(plan.plan.steps)}
 
     @staticmethod
-    def _require_processes(request: ImagineRequest) -> None:
+    def _require_processes(request: EvaluatePlanRequest) -> None:
         if request.workers > (most := os.cpu_count() or 1):
             cause = f"this machine has {counted(most, 'processor')}"
             raise InvalidArgumentError(f"{request.workers} processes", cause=cause, remedy=f"at most {most}")
@@ -192,7 +192,7 @@ class ImagineHandler:
             self._cancel.clear()
             self._layers, self._replay, self._state = {}, None, state
             target = partial(self._report_errors, partial(run, **options))
-            self._thread = threading.Thread(target=target, name="mindstage-imagine-panel", daemon=True)
+            self._thread = threading.Thread(target=target, name="mindstage-plan-panel", daemon=True)
             self._thread.start()
         self._publish()
 

@@ -80,7 +80,7 @@ export const commands = [
     { id: `go-to-view-${number}`, title: `Go to view ${number}`, group: "Bookmarks", keys: [`${number}`], run: () => viewBookmarks.goTo(number) },
     { id: `save-view-${number}`, title: `Save this view as ${number}`, group: "Bookmarks", keys: [`Shift+${number}`], run: () => viewBookmarks.save(number) },
   ]),
-  ...[["outline", "Outline"], ["details", "Details"], ["ask", "Ask"], ["imagine", "Imagine"], ["robot", "Robot"], ["status", "Status"], ["views", "Views"]]
+  ...[["outline", "Outline"], ["details", "Details"], ["ask", "Ask"], ["plan", "Plan"], ["robot", "Robot"], ["status", "Status"], ["views", "Views"]]
     .map(([id, title]) => ({ id: `panel-${id}`, title: `Open panel: ${title}`, group: "Panels", keys: [], enabled: () => Boolean(document.getElementById(`tab-${id}`)), run: () => openPanel(id) })),
 ];
 

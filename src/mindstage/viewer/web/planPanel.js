@@ -1,4 +1,4 @@
-// The Imagine panel: a plan as text, its steps added by form, the verdict, and the ghosts that show it in the view.
+// The Plan panel: a plan as text, its steps added by form, the verdict, and the ghosts that show it in the view.
 
 import { el, formatNumber, replaceChildren } from "./dom.js";
 import { nameField } from "./nameCompletion.js";
@@ -33,13 +33,13 @@ export function withItem(text, list, item) {
   return `${lines.join("\n")}\n`;
 }
 
-class ImaginePanel {
+class PlanPanel {
   #text = el("textarea", { rows: "8", spellcheck: "false", "aria-label": "Plan", "data-role": "plan", placeholder: EXAMPLE });
   #samples = el("input", { type: "number", min: "1", max: "100000", value: "100", "aria-label": "Samples" });
   #workers = el("input", { type: "number", min: "1", max: "64", value: "1", "aria-label": "Processes" });
-  #run = el("button", { type: "button", class: "primary", "data-action": "imagine", onclick: () => this.#start() }, "Try");
-  #act = el("button", { type: "button", "data-action": "imagine-act", title: "Does the plan in the world itself; it can be undone", onclick: () => this.#do() }, "Do it");
-  #cancel = el("button", { type: "button", "data-action": "imagine-cancel", hidden: true, onclick: () => callOrToast("imagine.cancel") }, "Cancel");
+  #run = el("button", { type: "button", class: "primary", "data-action": "plan-evaluate", onclick: () => this.#start() }, "Try");
+  #act = el("button", { type: "button", "data-action": "plan-act", title: "Does the plan in the world itself; it can be undone", onclick: () => this.#do() }, "Do it");
+  #cancel = el("button", { type: "button", "data-action": "plan-cancel", hidden: true, onclick: () => callOrToast("plan.cancel") }, "Cancel");
   #result = el("div", { class: "verdict", "aria-live": "polite", "data-role": "verdict" });
   #copies = el("div", { class: "copies", "data-role": "copies", hidden: true });
   #builder = el("div", { class: "plan-builder" });
@@ -52,7 +52,7 @@ class ImaginePanel {
       el("div", { class: "row" }, this.#run, this.#act, this.#cancel, this.#file()), this.#result, this.#copies);
     this.#text.addEventListener("keydown", (event) => event.key === "Enter" && (event.ctrlKey || event.metaKey) && this.#start());
     this.#buildForm();
-    channel.on("imagine", (state) => this.#show(state));
+    channel.on("plan", (state) => this.#show(state));
     channel.on("copies", (state) => this.#showCopies(state));
   }
 
@@ -100,7 +100,7 @@ class ImaginePanel {
   async #start() {
     const params = { plan: this.#text.value.trim() || EXAMPLE, samples: Number(this.#samples.value), workers: Number(this.#workers.value) };
     try {
-      await channel.call("imagine", params);
+      await channel.call("plan.evaluate", params);
     } catch (error) {
       this.#fail(error.message);
     }
@@ -108,7 +108,7 @@ class ImaginePanel {
 
   async #do() {
     try {
-      await channel.call("imagine.act", { plan: this.#text.value.trim() || EXAMPLE });
+      await channel.call("plan.act", { plan: this.#text.value.trim() || EXAMPLE });
     } catch (error) {
       this.#fail(error.message);
     }
@@ -126,7 +126,7 @@ class ImaginePanel {
     this.#cancel.hidden = !running;
     if (state.state === "error") this.#fail(state.error);
     else if (state.state === "acting") replaceChildren(this.#result, el("progress", { "aria-label": "The plan is being done" }), el("p", { class: "muted" }, `Doing ${state.name || "the plan"}…`));
-    else if (state.state === "acted") replaceChildren(this.#result, el("h2", { "data-outcome": state.outcome }, state.outcome), el("p", { class: "wrap" }, state.why), el("div", { class: "row" }, el("button", { type: "button", "data-action": "imagine-undo", onclick: () => callOrToast("undo") }, "Undo")));
+    else if (state.state === "acted") replaceChildren(this.#result, el("h2", { "data-outcome": state.outcome }, state.outcome), el("p", { class: "wrap" }, state.why), el("div", { class: "row" }, el("button", { type: "button", "data-action": "plan-undo", onclick: () => callOrToast("undo") }, "Undo")));
     else if (running) this.#showProgress(state);
     else if (state.state === "done") this.#showVerdict(state);
     else replaceChildren(this.#result);
@@ -141,8 +141,8 @@ class ImaginePanel {
     const { outcome, why, causes, assumptions, drawn, shown, failing_sample: failing, stopped } = state;
     const percent = (value) => `${formatNumber(100 * value, 0)} %`;
     const range = state.probability === null ? "" : `${percent(state.probability)} (${percent(state.interval[0])} to ${percent(state.interval[1])})`;
-    const play = failing === null ? null : el("button", { type: "button", "data-action": "imagine-replay", onclick: () => callOrToast("imagine.replay") }, `Play sample ${failing}`);
-    const clear = el("button", { type: "button", "data-action": "imagine-clear", onclick: () => callOrToast("imagine.clear") }, "Clear");
+    const play = failing === null ? null : el("button", { type: "button", "data-action": "plan-replay", onclick: () => callOrToast("plan.replay") }, `Play sample ${failing}`);
+    const clear = el("button", { type: "button", "data-action": "plan-clear", onclick: () => callOrToast("plan.clear") }, "Clear");
     replaceChildren(this.#result,
       el("h2", { "data-outcome": outcome }, `${outcome} ${range}`),
       el("p", { class: "wrap" }, why),
@@ -156,7 +156,7 @@ class ImaginePanel {
 
   #showCopies({ shown, copies }) {
     this.#copies.hidden = !copies.length;
-    const toggle = el("input", { type: "checkbox", checked: shown, "data-action": "show-copies", onchange: (event) => callOrToast("imagine.show_copies", { shown: event.target.checked }) });
+    const toggle = el("input", { type: "checkbox", checked: shown, "data-action": "show-copies", onchange: (event) => callOrToast("plan.show_copies", { shown: event.target.checked }) });
     replaceChildren(this.#copies, el("label", { class: "row" }, toggle, "Show open copies of the simulation"),
       el("ul", {}, copies.map(({ number, color, time_s: time, differing }) => {
         const dot = el("span", { class: "dot", "aria-hidden": "true" });
@@ -166,5 +166,5 @@ class ImaginePanel {
   }
 }
 
-const panel = new ImaginePanel();
-panels.add({ id: "imagine", title: "Imagine", side: "right", order: 40, build: (root) => panel.build(root) });
+const panel = new PlanPanel();
+panels.add({ id: "plan", title: "Plan", side: "right", order: 40, build: (root) => panel.build(root) });

@@ -20,8 +20,8 @@ from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
-from tests.engines.served_simulation import ServedSimulation
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
         assert isinstance(engine, CompiledRemoteEngine)
         (model,) = engine._sent_state.bodies.values()
         assert (model.mobility, model.mass_kg) == (Mobility.STATIC, 500.0)
-        assert engine._sent_state.ground_height_m is None
+        assert engine._sent_state.ground.height_m is None
         assert engine.snapshot().body("wall").physics.mobility is Mobility.DYNAMIC
 
     def test_excluded_pairs_do_not_collide(self, engine: RemoteEngine) -> None:
@@ -74,7 +74,7 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
         """Unlike in the contract, the MuJoCo at the other end has a ground; only the sent model is tested."""
         engine.apply(Spawn(world(body("box", (3, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)), ground=True))
         assert isinstance(engine, CompiledRemoteEngine)
-        assert engine._sent_state.ground_height_m == pytest.approx(0.4)
+        assert engine._sent_state.ground.height_m == pytest.approx(0.4)
         assert [model.on_ground for model in engine._sent_state.bodies.values()] == [True]
 
 
@@ -130,7 +130,7 @@ def test_poses_read_twice_after_a_step_are_current(served: ServedSimulation) -> 
             engine.step(0.01)
             poses = engine.poses()[1]
         np.testing.assert_allclose(poses, served.simulation.state.poses, atol=1e-12)
-        served.simulation.run_on_engine(
+        served.simulation.engine.run(
             lambda remote: remote.apply(SetPoses({BodyId("crate"): Pose((7, 7, 7))})), label="set pose"
         )
         assert current_pose(engine, "crate")[0] == 7

@@ -4,8 +4,8 @@ import { channel } from "./rpcChannel.js";
 
 const banner = document.getElementById("disconnected");
 const waiting = document.getElementById("waiting");
-// Questions, imagined plans and robots show their own progress.
-const HAVE_PROGRESS = /^(ask|imagine|robot)/;
+// Questions, plans and robots show their own progress.
+const HAVE_PROGRESS = /^(ask|plan|robot)/;
 
 let connected = null;
 let stalled = false;

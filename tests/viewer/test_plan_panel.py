@@ -14,7 +14,7 @@ from mindstage.imagination import Verdict, evaluate_plan
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import SetPoses
 from mindstage.viewer import Viewer
-from mindstage.viewer import imagine as panel
+from mindstage.viewer import plans as panel
 from mindstage.viewer.ghosts import FAILED_COLOR, end_pose_ghosts
 from tests.kitchenette import kitchenette
 from tests.viewer.page_tab import PageTab
@@ -51,16 +51,16 @@ def verdict(simulation: Simulation) -> Verdict:
 @pytest.fixture
 def tab(viewer: Viewer, open_page: Callable[..., PageTab]) -> Iterator[PageTab]:
     tab = open_page(viewer, view=False)
-    tab.open_panel("imagine")
+    tab.open_panel("plan")
     yield tab
-    viewer.channel._methods["imagine.cancel"].handler(None, None)
-    wait_until(lambda: viewer._imagine._thread is None or not viewer._imagine._thread.is_alive(), "no plan runs")
-    viewer.channel._methods["imagine.clear"].handler(None, None)
+    viewer.channel._methods["plan.cancel"].handler(None, None)
+    wait_until(lambda: viewer._plans._thread is None or not viewer._plans._thread.is_alive(), "no plan runs")
+    viewer.channel._methods["plan.clear"].handler(None, None)
     wait_until(lambda: not layers(viewer), "the ghosts are removed")
 
 
 def layers(viewer: Viewer) -> frozenset[str]:
-    return viewer._imagine._nodes.layers
+    return viewer._plans._nodes.layers
 
 
 def result(tab: PageTab) -> str:
@@ -73,29 +73,29 @@ def test_a_plan_is_tried_and_its_end_poses_and_failing_sample_are_shown(
     before, revision = simulation.state.poses.copy(), simulation.state.revision
     tab.page.locator("[data-role=plan]").fill(EDGE)
     tab.page.get_by_label("Samples", exact=True).fill("20")
-    tab.click_button("imagine")
+    tab.click_button("plan-evaluate")
     wait_until(lambda: "Mug" in result(tab) and "samples succeeded" in result(tab), "the verdict is shown")
     outcome = tab.page.locator("[data-outcome]").get_attribute("data-outcome")
     assert outcome in {"failed", "unknown"}
     wait_until(lambda: layers(viewer) == {"end poses"}, "the end poses are drawn")
-    node, _, count = viewer._imagine._nodes._nodes["end poses", BodyId("Mug")]
+    node, _, count = viewer._plans._nodes._nodes["end poses", BodyId("Mug")]
     assert count == 20
     heights = np.array(node.batched_positions)[:, 2]
     assert heights.max() > 0.8
     assert heights.min() < 0.5
-    tab.click_button("imagine-replay")
+    tab.click_button("plan-replay")
     wait_until(lambda: "replay" in layers(viewer), "the failing sample is played")
-    ghost = viewer._imagine._nodes._nodes["replay", BodyId("Mug")][0]
+    ghost = viewer._plans._nodes._nodes["replay", BodyId("Mug")][0]
     wait_until(lambda: float(np.array(ghost.batched_positions)[0, 2]) < 0.5, "the ghost falls")
     assert np.array_equal(simulation.state.poses, before)
     assert simulation.state.revision == revision
-    tab.click_button("imagine-clear")
+    tab.click_button("plan-clear")
     wait_until(lambda: not layers(viewer) and not result(tab), "everything is removed")
 
 
 def test_steps_and_uncertainty_are_added_by_form(tab: PageTab) -> None:
     tab.select_in_tree("Mug")
-    tab.open_panel("imagine")
+    tab.open_panel("plan")
     tab.page.get_by_role("combobox", name="Where").fill("Fridge")
     tab.click_button("add-step")
     tab.click_button("add-uncertainty")
@@ -108,7 +108,7 @@ def test_steps_and_uncertainty_are_added_by_form(tab: PageTab) -> None:
         "uncertainty:\n  - {thing: Mug, position_m: 0.01}\n"
     )
     tab.page.get_by_label("Samples", exact=True).fill("3")
-    tab.click_button("imagine")
+    tab.click_button("plan-evaluate")
     wait_until(lambda: "3 of 3 samples succeeded" in result(tab), "the plan of the form is tried")
 
 
@@ -122,7 +122,7 @@ def test_steps_and_uncertainty_are_added_by_form(tab: PageTab) -> None:
 )
 def test_an_invalid_plan_is_refused_with_its_line(tab: PageTab, text: str, message: str) -> None:
     tab.page.locator("[data-role=plan]").fill(text)
-    tab.click_button("imagine")
+    tab.click_button("plan-evaluate")
     wait_until(lambda: message in result(tab), "the error names the line")
 
 
@@ -137,14 +137,14 @@ def test_a_plan_is_canceled_from_another_page(
 
     monkeypatch.setattr(panel, "evaluate_plan", slow)
     tab.page.locator("[data-role=plan]").fill(EDGE)
-    tab.click_button("imagine")
+    tab.click_button("plan-evaluate")
     assert begun.wait(60.0)
     wait_until(lambda: "succeeded" in result(tab), "the progress is shown")
     other = open_page(viewer, view=False)
-    other.open_panel("imagine")
-    wait_until(lambda: other.page.locator("[data-action=imagine-cancel]").is_visible(), "it is known there, too")
-    assert other.page.locator("[data-action=imagine]").is_disabled()
-    other.click_button("imagine-cancel")
+    other.open_panel("plan")
+    wait_until(lambda: other.page.locator("[data-action=plan-cancel]").is_visible(), "it is known there, too")
+    assert other.page.locator("[data-action=plan-evaluate]").is_disabled()
+    other.click_button("plan-cancel")
     wait_until(lambda: "canceled" in tab.page.locator("[data-role=verdict]").inner_html(), "it has ended")
 
 
@@ -152,11 +152,11 @@ def test_open_copies_are_drawn_as_ghosts_until_they_are_closed(
     tab: PageTab, viewer: Viewer, simulation: Simulation
 ) -> None:
     with simulation.fork() as first, simulation.fork() as second:
-        first.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.5, 0.0, 1.0))})))
+        first.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.5, 0.0, 1.0))})))
         second.place("Mug", on="Fridge")
         wait_until(lambda: len([each for each in layers(viewer) if each.startswith("copy")]) == 2, "both are drawn")
         names = sorted(layers(viewer))
-        node = viewer._imagine._nodes._nodes[names[0], BodyId("Mug")][0]
+        node = viewer._plans._nodes._nodes[names[0], BodyId("Mug")][0]
         assert np.array(node.batched_positions)[0] == pytest.approx((0.5, 0.0, 1.0), abs=1e-6)
         wait_until(lambda: "1 body elsewhere" in tab.page.locator("[data-role=copies]").inner_text(), "they are listed")
         tab.page.locator("[data-action=show-copies]").uncheck()
@@ -182,7 +182,7 @@ def test_ghosts_are_seen_in_the_view(
         return int(np.count_nonzero((pixels[..., 0] > pixels[..., 1] + 40) & (pixels[..., 0] > pixels[..., 2] + 40)))
 
     wait_until(lambda: red() > 200, "failed samples are red")
-    node = viewer._imagine._nodes._nodes["replay", BodyId("Mug")][0]
+    node = viewer._plans._nodes._nodes["replay", BodyId("Mug")][0]
     assert not node._impl.click_cb
 
 
@@ -192,7 +192,7 @@ def test_what_a_plan_adds_is_drawn_as_a_member_of_its_class(
     verdict = evaluate_plan(simulation, "{steps: [{do: place, thing: CoffeeMaker, on: Fridge}]}")
     viewer.show_verdict(verdict)
     wait_until(lambda: layers(viewer) == {"end poses"}, "the mug is drawn")
-    drawn = {id for _, id in viewer._imagine._nodes._nodes}
+    drawn = {id for _, id in viewer._plans._nodes._nodes}
     assert [id.partition("_")[0] for id in drawn - set(simulation.state.ids)] == ["CoffeeMaker"]
 
 
@@ -208,13 +208,13 @@ def test_at_most_so_many_end_poses_are_drawn(verdict: Verdict) -> None:
 def test_a_plan_is_done_and_undone(tab: PageTab, simulation: Simulation) -> None:
     before = simulation.snapshot().body("Mug").pose.position
     tab.page.locator("[data-role=plan]").fill("steps:\n  - {do: move, thing: Mug, by: [0.0, 0.1, 0.0]}\n")
-    tab.click_button("imagine-act")
+    tab.click_button("plan-act")
     wait_until(lambda: "done in" in result(tab), "the outcome is shown")
     assert tab.page.locator("[data-outcome]").get_attribute("data-outcome") == "succeeded"
     moved = simulation.snapshot().body("Mug").pose.position
     assert np.subtract(moved, before) == pytest.approx([0.0, 0.1, 0.0], abs=2e-3)
     assert simulation.edits.history.undo[:1] == ("plan",)
-    tab.click_button("imagine-undo")
+    tab.click_button("plan-undo")
     wait_until(
         lambda: np.allclose(simulation.snapshot().body("Mug").pose.position, before, atol=1e-4), "the mug is back"
     )

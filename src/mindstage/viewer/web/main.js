@@ -17,7 +17,7 @@ import "./historyPanel.js";
 import { viewBookmarks } from "./viewsPanel.js";
 import { viewTools } from "./viewTools.js";
 import "./askPanel.js";
-import "./imaginePanel.js";
+import "./planPanel.js";
 import "./robotPanel.js";
 import "./statusPanel.js";
 import { timelinePanel } from "./timelinePanel.js";
