@@ -41,7 +41,6 @@ from mindstage.engines.kinematic_tree import KinematicForest, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
 from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
 from mindstage.engines.mujoco.state import (
-    SUBSTEPS,
     CompiledModel,
     ModelJoint,
     actuator_states,
@@ -100,8 +99,8 @@ class ModelCache:
         """Servos that were reported as too stiff."""
         self.unchecked_steps = 0
         """Number of time steps since falling bodies were checked."""
-        self.substeps = 1
-        """The number of parts of each time step until then."""
+        self.fast: dict[BodyId, float] = {}
+        """Bodies for which time steps are divided until then, with the friction of what they hit."""
         self.last_rebuild: RebuildTime | None = None
         """When the model was compiled last."""
         self._cost_ratio = 1.0
@@ -118,7 +117,7 @@ class ModelCache:
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
         result._fast_bodies, result._scales = set(self._fast_bodies), dict(self._scales)
         result.unchecked_steps, result._limited_servos = self.unchecked_steps, set(self._limited_servos)
-        result.substeps = self.substeps
+        result.fast = dict(self.fast)
         result.last_rebuild, result._cost_ratio = self.last_rebuild, self._cost_ratio
         return result
 
@@ -318,21 +317,22 @@ class ModelCache:
         These steps are divided if at their begin a body will hit something that it may pass through.
         """
         if not self.unchecked_steps or has_forces:
-            self._choose_substeps(compiled)
-        compiled.step(count, substeps=self.substeps)
+            self._find_fast(compiled)
+        compiled.step(count, fast=self.fast)
         self.unchecked_steps = (self.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
 
-    def _choose_substeps(self, compiled: CompiledModel) -> None:
-        self.substeps = 1
+    def _find_fast(self, compiled: CompiledModel) -> None:
+        self.fast = {}
         velocities = compiled.data.qvel[compiled.free_velocities]
         if np.abs(velocities).max(initial=0.0) > _MIN_FAST_SPEED:
             compiled.update_poses()
             roots = list(compiled.free_joint_addresses)
             for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > _MIN_FAST_SPEED).tolist():
-                self._check_fast(compiled, roots[row], velocities[row])
+                if not compiled.is_pressed(roots[row]):
+                    self._check_fast(compiled, roots[row], velocities[row])
 
     def _check_fast(self, compiled: CompiledModel, id: BodyId, velocity: Array) -> None:
-        """Whether a body will hit something that the contact force cannot stop it within.
+        """Finds what a body will hit within which the contact force cannot stop it.
 
         A contact of MuJoCo is a spring with a time constant, not a hard surface: the body moves on for
         `_CONTACT_DURATION_S`, and if it is then in the middle of a thin obstacle, it is pushed out on the other side.
@@ -342,11 +342,11 @@ class ModelCache:
         mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
         speed, thickness_m = float(np.linalg.norm(velocity)), min(self.builder.mass_properties.size(id))
         end_speed = speed + _GRAVITY_M_S2 * duration_s * falls
-        for distance_m, obstacle_m in compiled.obstacles(id, mean, within_m=end_speed * duration_s):
+        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=end_speed * duration_s):
             hit_speed = float(np.sqrt(speed**2 + 2 * _GRAVITY_M_S2 * distance_m * falls))
             if hit_speed * _CONTACT_DURATION_S <= min(thickness_m, obstacle_m) / 2:
                 continue
-            self.substeps = SUBSTEPS
+            self.fast[id] = min(friction, self.fast.get(id, friction))
             moves_m = hit_speed * _DIVIDED_CONTACT_DURATION_S
             if moves_m > (thickness_m + obstacle_m) / 2 and id not in self._fast_bodies:
                 self._fast_bodies.add(id)

@@ -11,6 +11,7 @@ import ctypes
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, cast
 
 import mujoco
@@ -115,6 +116,10 @@ class KinematicMotion(NamedTuple):
 SUBSTEPS, STIFFENING = 8, 40
 """The number of parts of a time step in which a body may pass through another one, and the factor by which the time
 constants of contacts are then shorter, unless they bounce: to two parts, the least with which a contact is stable."""
+_FAST_PRIORITY = 20_000
+"""Added to the priority of the geoms of fast bodies, above that of all others."""
+_DEEP_M = 0.0005
+_NONE_FAST: Mapping[BodyId, float] = MappingProxyType({})
 _CORNERS = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), axis=-1).reshape(8, 3)
 _FIRST_PERIOD_S, _MAX_PERIOD_S = 0.02, 0.1
 """The time of the first motion of a kinematic body, and the longest one [s]."""
@@ -178,8 +183,8 @@ class CompiledModel:
     """Those of their velocities in `qvel`, k x 6."""
     is_kinematic: NDArray[np.bool_] = field(init=False)
     """Whether each MuJoCo body is part of a kinematic group that can be moved."""
-    divided: tuple[Any, Any] | None = None
-    """A model, and the same with `SUBSTEPS` parts of its time step; None until a step needs it."""
+    divided: tuple[Any, dict[BodyId, float], Any] | None = None
+    """A model, fast bodies, and the same model with divided time steps for these; None until a step needs it."""
     before: Any = field(init=False, default=None)
     """Data for the state before a step; None until a step needs it."""
 
@@ -233,33 +238,36 @@ class CompiledModel:
         qpos[:] = target
 
     @checked
-    def step(self, count: Count, *, substeps: Count = 1) -> None:
+    def step(self, count: Count, *, fast: Mapping[BodyId, float] = _NONE_FAST) -> None:
         """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
 
         The result is the same as with an arena that was large from the beginning.
 
         Args:
             count: number of time steps.
-            substeps: the number of parts of each, 1 or `SUBSTEPS`; contacts are then as many times stiffer in time.
+            fast: loose bodies that may pass through others, with the largest friction of what they hit: each step is
+                divided into `SUBSTEPS`, in which their contacts are stiffer.
 
         Raises:
             EngineMemoryError: the arena would exceed its largest size; the state is that before a part of the steps.
             EngineError: MuJoCo failed; the state is that before a part of the steps.
         """
         if not self.kinematic_addresses:
-            self._advance(count, substeps)
+            self._advance(count, fast)
             return
         while count:
             moving = {root: motion for root, motion in self.motions.items() if motion.steps}
             part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
-            self._step_with_motions(moving, part, substeps)
+            self._step_with_motions(moving, part, fast)
             count -= part
 
     def _steps_to_correction(self) -> int:
         """The time steps until kinematic bodies at rest are put back where they belong: a function of the time."""
         return _CORRECTION_STEPS - round(float(self.data.time / self.model.opt.timestep)) % _CORRECTION_STEPS
 
-    def _step_with_motions(self, moving: Mapping[BodyId, KinematicMotion], count: int, substeps: int) -> None:
+    def _step_with_motions(
+        self, moving: Mapping[BodyId, KinematicMotion], count: int, fast: Mapping[BodyId, float]
+    ) -> None:
         """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions.
 
         However the steps are divided among calls, the result is the same: nothing is rounded between two of them.
@@ -274,7 +282,7 @@ class CompiledModel:
             forces[row] = self.model.dof_M0[dofs[row]] * motion.acceleration
         data.qpos[self.kinematic_qpos], data.qvel[dofs], data.qfrc_applied[dofs] = poses, velocities, forces
         try:
-            self._advance(count, substeps)
+            self._advance(count, fast)
             poses, velocities = self.data.qpos[self.kinematic_qpos], self.data.qvel[dofs]
             is_there = np.full(len(dofs), is_corrected)
             for root, motion in moving.items():
@@ -288,13 +296,14 @@ class CompiledModel:
             self.data.qpos[self.kinematic_qpos] = targets
             self.data.qvel[dofs] = self.data.qfrc_applied[dofs] = 0.0
 
-    def _advance(self, count: int, substeps: int) -> None:
+    def _advance(self, count: int, fast: Mapping[BodyId, float]) -> None:
+        substeps = SUBSTEPS if fast else 1
         if self.before is None:
             self.before = new_data(self.model)
         mujoco.mj_copyData(self.before, self.model, self.data)
         try:
             while not run_mujoco(
-                mujoco.mj_step, self._divided(substeps), self.data, nstep=count * substeps
+                mujoco.mj_step, self._divided(fast), self.data, nstep=count * substeps
             ) or is_exhausted(self.data):
                 larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
                 self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
@@ -304,24 +313,40 @@ class CompiledModel:
             raise
         self.poses_outdated = True
 
-    def _divided(self, substeps: int) -> Any:
-        """The model with a shorter time step and contacts with as much shorter time constants."""
-        if substeps == 1:
+    def _divided(self, fast: Mapping[BodyId, float]) -> Any:
+        """The model with a shorter time step, in which the contacts of fast bodies have shorter time constants.
+
+        Others keep theirs: what is deep in a soft contact would be thrown out of a stiff one.
+        """
+        if not fast:
             return self.model
-        if self.divided is None or self.divided[0] is not self.model:
+        if self.divided is None or self.divided[0] is not self.model or self.divided[1] != fast:
             divided = copy.copy(self.model)
-            divided.opt.timestep /= substeps
-            divided.geom_solref[:, 0] /= np.where(divided.geom_solref[:, 1] < 1.0, substeps, STIFFENING)
-            self.divided = self.model, divided
-        return self.divided[1]
+            divided.opt.timestep /= SUBSTEPS
+            for root in fast.keys() & self.free_joint_addresses.keys():
+                geoms = divided.body_rootid[divided.geom_bodyid] == self.body_ids[root]
+                divided.geom_priority[geoms] += _FAST_PRIORITY
+                divided.geom_friction[geoms, 0] = np.minimum(divided.geom_friction[geoms, 0], fast[root])
+                damping = divided.geom_solref[geoms, 1]
+                divided.geom_solref[geoms, 0] /= np.where(damping < 1.0, SUBSTEPS, STIFFENING)
+            self.divided = self.model, dict(fast), divided
+        return self.divided[2]
+
+    def is_pressed(self, root: BodyId) -> bool:
+        """Whether a loose body is already deep in a contact."""
+        contact = self.data.contact
+        deep = np.asarray(contact.geom)[np.asarray(contact.dist) < -_DEEP_M]
+        return bool((self.model.body_rootid[self.model.geom_bodyid[deep]] == self.body_ids[root]).any())
 
     def is_falling(self, root: BodyId) -> bool:
         """Whether nothing carried a loose body in the last step."""
         dof = self.free_joint_addresses[root][1]
         return bool(self.data.qacc[dof + 2] < self.model.opt.gravity[2] / 2)
 
-    def obstacles(self, root: BodyId, velocity: Array, *, within_m: float) -> Iterator[tuple[float, float]]:
-        """What a loose body will hit if it moves on: distance and thickness [m]; planes, which stop all, are left out.
+    def obstacles(self, root: BodyId, velocity: Array, *, within_m: float) -> Iterator[tuple[float, float, float]]:
+        """What a loose body will hit if it moves on: distance and thickness [m], and friction.
+
+        Planes, which stop everything, and bodies that bounce are left out.
 
         Args:
             root: the root of the body.
@@ -340,8 +365,9 @@ class CompiledModel:
                 other = int(found[0])
                 if other < 0 or distance_m > within_m or tree[model.geom_bodyid[other]] == body_id:
                     continue
-                if model.geom_contype[other] and model.geom_type[other] != int(mujoco.mjtGeom.mjGEOM_PLANE):
-                    yield distance_m, 2 * float(model.geom_aabb[other, 3:].min())
+                is_plane = model.geom_type[other] == int(mujoco.mjtGeom.mjGEOM_PLANE)
+                if model.geom_contype[other] and not is_plane and model.geom_solref[other, 1] >= 1.0:
+                    yield distance_m, 2 * float(model.geom_aabb[other, 3:].min()), float(model.geom_friction[other, 0])
 
     def forward(self) -> None:
         """Computes all that depends on the state, such as contacts; the arena grows if it is exhausted.
