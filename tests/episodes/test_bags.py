@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from itertools import pairwise
 from math import pi
 from pathlib import Path
@@ -449,3 +451,16 @@ def test_rotations_are_interpolated_along_the_shorter_arc(is_negated: bool, tmp_
     bag = RosBag(write_bag(tmp_path, "mcap", messages), kitchenette())
     half = Rotation.from_matrix(pose_of(bag, "Mug", 0.21)[:3, :3]).as_euler("xyz")[2]
     assert abs(half) == pytest.approx(pi, abs=1e-6)
+
+
+def test_messages_that_cannot_be_decoded_are_left_out_and_counted(tmp_path: Path) -> None:
+    readings = [JointReading(time_s, {"DrawerSlide": -0.1 * time_s}) for time_s in (0.0, 1.0, 2.0, 3.0)]
+    moved = [Transform(time_s, "map", "Mug", ODOM) for time_s in (0.0, 1.0, 2.0, 3.0)]
+    folder = write_bag(tmp_path, "sqlite3", [*readings, *moved])
+    (path,) = folder.glob("*.db3")
+    with closing(sqlite3.connect(path)) as database, database:
+        topic = "select id from topics where name = '/joint_states'"
+        database.execute(f"update messages set data = x'00010000' where topic_id = ({topic}) and timestamp > 1.5e9")
+    bag = RosBag(folder, kitchenette())
+    assert "2 messages of /joint_states cannot be decoded and are left out" in bag.findings
+    np.testing.assert_allclose(pose_of(bag, "Mug", 2.0), ODOM, atol=1e-9)

@@ -15,15 +15,24 @@ import numpy as np
 import pytest
 
 from mindstage.engines import make_engine
-from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, Recorder, memory
+from mindstage.episodes import (
+    EpisodeEvent,
+    EpisodeEventKind,
+    EpisodeFrame,
+    FrameRecording,
+    Recorder,
+    memory,
+)
 from mindstage.episodes.history import EpisodeHistory
 from mindstage.episodes.memory import INDEX_NAME, EpisodeMemory
+from mindstage.episodes.recorder import write_episode
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId
 from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import pose_array
 from mindstage.simulation import Simulation
+from tests.episodes.episodes import kitchenette_episode
 from tests.kitchenette import MAP, kitchenette
 
 KIND = EpisodeEventKind
@@ -128,6 +137,19 @@ def test_nothing_is_opened_for_events_once_it_is_indexed(folder: Path, opened: l
         assert opened == ["a", "day2/b", "a"]
 
 
+def test_the_states_of_a_time_span_are_those_of_the_file(tmp_path: Path) -> None:
+    write_episode(kitchenette_episode(), tmp_path / "run.mcap", knowledge=KnowledgeBase())
+    with EpisodeMemory(tmp_path) as runs:
+
+        def times(begin_s: float | None, end_s: float | None) -> list[float]:
+            return [time_s for time_s, _ in runs.history("run").states(begin_s, end_s)]
+
+        every = times(None, None)
+        assert len(every) > 5
+        assert times(0.31, 0.6) == [0.31, *(time_s for time_s in every if 0.31 < time_s <= 0.6)] != [0.31]
+        assert times(None, 0.3) == [time_s for time_s in every if time_s <= 0.3]
+
+
 def test_a_changed_file_is_indexed_again_and_a_touched_one_is_not(folder: Path, opened: list[str]) -> None:
     with EpisodeMemory(folder) as runs:
         opened.clear()
@@ -212,7 +234,7 @@ def test_recorded_files_answer_as_each_of_them_does(tmp_path: Path) -> None:
         simulation.spawn(kitchenette())
         with Recorder(simulation, tmp_path / "one.mcap"):
             simulation.step(0.2)
-            simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
+            simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
             simulation.step(0.5)
         shutil.copy(tmp_path / "one.mcap", tmp_path / "two.mcap")
         (tmp_path / "three.mcap").write_bytes((tmp_path / "one.mcap").read_bytes()[:40])

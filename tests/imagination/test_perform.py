@@ -44,7 +44,6 @@ def approach(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Drives half a meter towards x; the real base moves.
 
     Args:
-        task: this performance of the skill.
         thing: is not used.
     """
     task.assume("the way is free")
@@ -59,7 +58,6 @@ def give_up(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Fails after a while.
 
     Args:
-        task: this performance of the skill.
         thing: what it is about.
     """
     yield 0.1
@@ -89,7 +87,6 @@ def lower(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Carries a thing down from 0.5 m with the lift of the robot, and lets it go 2 cm above the floor.
 
     Args:
-        task: this performance of the skill.
         thing: what is carried.
     """
     yield from carry_down(task, BodyId(thing), to_m=0.06)
@@ -100,7 +97,6 @@ def drop(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Lets a thing go at a height of half a meter.
 
     Args:
-        task: this performance of the skill.
         thing: what is dropped.
     """
     yield from carry_down(task, BodyId(thing), to_m=0.45)
@@ -113,11 +109,11 @@ def carry_down(task: SkillTask, id: BodyId, *, to_m: float) -> Generator[float, 
     top = 0.5
     yield from robot.moving_to({"lift_joint": 0.9})
     x, y, _ = robot.link_pose(robot.gripper().link)[:3].tolist()
-    task.session.run_on_engine(lambda engine: engine.apply(SetPoses({id: Pose((x, y + 1.0, top))})), edits=True)
-    task.session.run_on_engine(lambda engine: engine.apply(Attach(hand, id)), edits=True)
+    task.session.engine.run(lambda engine: engine.apply(SetPoses({id: Pose((x, y + 1.0, top))})), edits=True)
+    task.session.engine.run(lambda engine: engine.apply(Attach(hand, id)), edits=True)
     yield 0.05
     yield from robot.moving_to({"lift_joint": 0.9 - (top - to_m)})
-    task.session.run_on_engine(lambda engine: engine.apply(Detach(id)), edits=True)
+    task.session.engine.run(lambda engine: engine.apply(Detach(id)), edits=True)
     yield 0.6
 
 

@@ -90,6 +90,14 @@ def test_what_is_no_deviation_is_ignored_and_reported(tmp_path: Path, text: str)
     assert any("positionDeviation of edge_box is ignored" in each for each in verdict.assumptions)
 
 
+def test_a_thing_that_is_stated_as_a_deviation_is_named(tmp_path: Path) -> None:
+    with simulate(tmp_path, ":edge_box ms:positionDeviation :Carton .") as simulation:
+        found = stated_uncertainty(simulation)
+    assert found.uncertainty == ()
+    cause = f"'{MAP}Carton' is no standard deviation"
+    assert found.notes == (f"ms:positionDeviation of edge_box is ignored: {cause}",)
+
+
 def test_the_covariance_of_the_best_perception_of_knowrob_is_used(tmp_path: Path) -> None:
     def perception(name: str, variance: float) -> str:
         elements = f"knowrob:m00 {variance} ; knowrob:m11 {4 * variance} ; knowrob:m22 0.0 ; knowrob:m55 0.01"

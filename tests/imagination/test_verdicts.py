@@ -148,7 +148,7 @@ def test_the_json_has_the_promised_fields(sim: Simulation) -> None:
 
 def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simulation) -> None:
     def bits(simulation: Simulation) -> bytes:
-        data = simulation.run_on_engine(lambda engine: engine._cache.model().data)  # type: ignore[attr-defined]
+        data = simulation.engine.run(lambda engine: engine._cache.model().data)  # type: ignore[attr-defined]
         names = ("qpos", "qvel", "qacc_warmstart", "xpos", "xquat", "tree_asleep", "body_awake", "time")
         return b"".join(np.asarray(getattr(data, name)).tobytes() for name in names)
 
@@ -205,6 +205,24 @@ def test_it_can_be_canceled(sim: Simulation, pool: WorkerPoolExecutor, workers: 
     verdict = evaluate_plan(sim, ENDLESS, samples=100, workers=pool if workers == 2 else 1, cancel=canceled.is_set)
     assert verdict.outcome is Outcome.UNKNOWN
     assert verdict.stopped == "canceled"
+
+
+def test_workers_that_die_while_a_plan_is_canceled_leave_samples_unknown(
+    sim: Simulation, pool: WorkerPoolExecutor
+) -> None:
+    killed = set[int]()
+
+    def cancel() -> bool:
+        for process in set(pool.process_ids) - killed:
+            killed.add(process)
+            os.kill(process, signal.SIGKILL)
+        return bool(killed)
+
+    verdict = evaluate_plan(sim, ENDLESS, samples=100, workers=pool, cancel=cancel)
+    assert (verdict.outcome, verdict.stopped) == (Outcome.UNKNOWN, "canceled")
+    assert verdict.samples == verdict.unknown
+    assert len(killed) == 2
+    assert evaluate_plan(sim, NEAR_EDGE, samples=4, width=None, workers=pool).samples == 4, "they are replaced"
 
 
 def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulation, pool: WorkerPoolExecutor) -> None:

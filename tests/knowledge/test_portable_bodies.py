@@ -98,7 +98,7 @@ def test_the_cup_can_be_pushed_off_and_comes_back_in_the_map(tmp_path: Path) -> 
         simulation.spawn()
         assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
         simulation.step(0.5)
-        simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("cup"), (5.0, 0.0, 0.0)))
+        simulation.engine.run(lambda engine: engine.apply_force(BodyId("cup"), (5.0, 0.0, 0.0)))
         simulation.step(0.2)
         simulation.step(1.5)
         heights = dict(zip(simulation.state.ids, simulation.state.poses[:, 2].tolist(), strict=True))

@@ -18,6 +18,7 @@ from mindstage.knowledge.assertion_file import TripleStoreView
 from mindstage.prolog import PrologConsole
 from mindstage.rdf import RdfTerm
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 
 EXAMPLE = "http://example.org/e#"
 OWL = "http://www.w3.org/2002/07/owl#"
@@ -98,6 +99,26 @@ def test_class_expressions_are_terms(small: tuple[KnowledgeBase, PrologConsole],
     for name, term in expected.items():
         node = f"rdf('http://a/{name}', owl:equivalentClass, Node)"
         assert console.holds(f"{node}, owl_description(Node, {term})"), name
+
+
+def test_a_restriction_within_a_restriction_has_its_own_filler(
+    small: tuple[KnowledgeBase, PrologConsole], tmp_path: Path
+) -> None:
+    knowledge, console = small
+    path = tmp_path / "nested.ttl"
+    path.write_text(
+        """
+        @prefix : <http://n/> . @prefix owl: <http://www.w3.org/2002/07/owl#> .
+        @prefix rdfs: <http://www.w3.org/2000/01/rdf-schema#> .
+        :A a owl:Class . :p a owl:ObjectProperty . :q a owl:ObjectProperty .
+        :Outer a owl:Class ; rdfs:subClassOf [ a owl:Restriction ; owl:onProperty :p ; owl:someValuesFrom
+            [ a owl:Restriction ; owl:onProperty :q ; owl:someValuesFrom :A ] ] .
+        """,
+        encoding="utf-8",
+    )
+    knowledge.load(path)
+    goal = "mindstage:owl_class_properties('http://n/Outer', 'http://n/p', restriction(Property, _, Filler))"
+    assert [(row["Property"], row["Filler"]) for row in console.solutions(goal)] == [("http://n/q", "http://n/A")]
 
 
 def as_prolog(term: RdfTerm) -> str:
@@ -197,7 +218,7 @@ def test_a_store_that_is_too_large_is_asked_instead(console: PrologConsole, monk
         console.holds("rdf(_, _, _, _)")
 
 
-@pytest.mark.parametrize(("what", "ours", "theirs"), GOALS, ids=[what for what, _, _ in GOALS])
+@each_case(("what", "ours", "theirs"), GOALS, ids=[what for what, _, _ in GOALS])
 def test_the_goals_of_the_benchmark_have_as_many_answers_as_in_swi_prolog(
     what: str, ours: str, theirs: str, kitchen: PrologConsole
 ) -> None:

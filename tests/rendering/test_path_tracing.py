@@ -12,16 +12,19 @@ from numpy.typing import NDArray
 
 pytest.importorskip("mitsuba", reason="needs the extra render")
 
+from mindstage.engines import NullEngine
 from mindstage.errors import InvalidArgumentError, RendererUnavailableError
+from mindstage.knowledge import KnowledgeBase
 from mindstage.rendering import path_tracing
 from mindstage.rendering.camera import CameraPose
 from mindstage.rendering.films import FilmWriter
 from mindstage.rendering.mitsuba_scene import MitsubaScene, Sky, luminance, use_mitsuba
 from mindstage.rendering.path_tracing import PathTracingSettings, automatic_exposure, path_trace, tone_mapped
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
-from mindstage.scene import BodyId, Color, LightType, PbrMaterial, Pose, Vector, VisualMesh
+from mindstage.scene import Body, BodyId, Color, Iri, LightType, Material, PbrMaterial, Pose, Vector, VisualMesh, World
 from mindstage.scene.mesh import box
 from mindstage.scene.transforms import Array
+from mindstage.simulation import Simulation
 
 GRAY: Color = (0.5, 0.5, 0.5)
 SIZE = (60, 60)
@@ -374,3 +377,44 @@ def test_a_film_of_an_odd_size_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InvalidArgumentError, match=f"even numbers, not {size[0]}x{size[1]}"):
             FilmWriter(tmp_path / "film.mp4", size=size, frame_rate_hz=10.0)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_wide_picture_of_a_simulation_shows_a_square_as_a_square() -> None:
+    iri = Iri("http://example.org/room")
+    red = Material(name="red", color=(0.9, 0.02, 0.02))
+    plate = Body(
+        id=BodyId("plate"),
+        iri=Iri(f"{iri}#plate"),
+        cls=Iri(f"{iri}#Plate"),
+        pose=Pose(),
+        size=(2.0, 2.0, 0.1),
+        materials=(red,),
+    )
+    with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True, threaded=False) as simulation:
+        simulation.spawn(World(iri=iri, bodies=(plate,)))
+        found = simulation.render(FROM_ABOVE, PathTracingSettings(size=(90, 45), samples=4, denoise=False))
+    assert found.pixels.shape == (45, 90, 3)
+    is_red = found.radiance[..., 0] > 3.0 * found.radiance[..., 1]
+    height, width = (int(is_red.any(axis=axis).sum()) for axis in (1, 0))
+    assert height == pytest.approx(45 / (10.0 * math.tan(math.radians(20.0))), abs=2)
+    assert width == pytest.approx(height, abs=1)
+
+
+def test_a_glowing_shade_has_the_luminance_of_the_light_that_is_in_it() -> None:
+    mesh = box((0.4, 0.4, 0.4))
+    white = VisualMesh(mesh.points, mesh.faces, PbrMaterial(color=(1.0, 1.0, 1.0), emission=0.5), mesh.normals)
+    shades = [
+        RenderItem(id=BodyId(id), visuals=(white,), pose=Pose((0.0, y, 1.0)), size=(0.4, 0.4, 0.4), key=id)
+        for id, y in (("lit", 0.0), ("alone", 30.0))
+    ]
+    lights = (RenderLight(type=LightType.POINT, pose=Pose((0.0, 0.0, 1.0)), color=(1.0, 1.0, 1.0), intensity=90e3),)
+
+    def radiance(y: float) -> float:
+        camera = CameraPose((3.0, y, 1.0), (0.0, y, 1.0), math.radians(3.0))
+        found = path_trace(scene_of(*shades, camera=camera, lights=lights), settings(samples=4))
+        return float(luminance(found.radiance.astype(float)).mean())
+
+    # Its flux of 4 pi I leaves through the six sides, each of which emits pi times its luminance.
+    by_day = radiance(30.0)
+    assert 0.5 * 4000.0 < by_day < 30e3
+    assert radiance(0.0) - by_day == pytest.approx(4.0 * 90e3 / (6 * 0.4**2), rel=0.1)

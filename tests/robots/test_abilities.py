@@ -35,6 +35,7 @@ from mindstage.robots.self_models import add_self_model, component_class, read_s
 from mindstage.robots.skill_declaration import SkillNeed
 from mindstage.robots.skills import skill_specs
 from mindstage.scene import IDENTITY
+from tests.cases import each_case
 
 SELF_MODEL = """<?xml version="1.0"?>
 <!DOCTYPE rdf:RDF [
@@ -363,6 +364,24 @@ def test_an_arm_that_the_description_names_is_not_added_again(self_model: Path) 
     assert add_self_model(model(arms=(whole,)), read_self_model(self_model)).arms == (whole,)
 
 
+def test_an_arm_of_one_link_adds_no_arm(self_model: Path) -> None:
+    found = read_self_model(self_model)
+    short = msgspec.structs.replace(
+        found, components=tuple(msgspec.structs.replace(each, links=each.links[:1]) for each in found.components)
+    )
+    joined = add_self_model(model(), short)
+    assert joined.arms == ()
+    assert "right_arm" in {each.name for each in joined.components}
+
+
+def test_an_arm_whose_tip_is_not_below_its_base_adds_no_arm(self_model: Path) -> None:
+    found = read_self_model(self_model)
+    turned = tuple(msgspec.structs.replace(each, links=each.links[::-1]) for each in found.components)
+    joined = add_self_model(model(), msgspec.structs.replace(found, components=turned))
+    assert joined.arms == ()
+    assert "no joint of the self-model's arm has a drive" in [note.text for note in joined.notes]
+
+
 def test_links_that_the_description_lacks_are_noted(self_model: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.owl"
     other.write_text(SELF_MODEL.replace("r_elbow_link", "l_elbow_link"), encoding="utf-8")
@@ -402,7 +421,7 @@ FETCHING = {"FetchingSomething", "StoringSomething", "CarryingWhileLocomoting"}
 EVERYTHING = DRIVING | LOOKING | REACHING | GRASPING | OPENING | FETCHING
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "able"),
     [
         ("panda", REACHING | GRASPING | OPENING),  # on a table, without a camera

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,12 @@ from msgspec.structs import replace
 
 from mindstage.bridge.calls import ServerGoalHandle
 from mindstage.engines import NullEngine
+from mindstage.engines.base import Capability, Contact
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import CommandRefusedError, RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
-from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome
+from mindstage.robots.control import PERIOD_S, JointGoal, MotionFailure, MotionOutcome, held_bodies
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import BaseType, RobotModel
 from mindstage.robots.robot import Robot
@@ -73,7 +74,7 @@ def test_joint_positions_are_those_of_mujoco(sim: Simulation, robot: Robot) -> N
         names = ("lift_joint", "elbow_joint", "shoulder_pan_joint")
         return {name: float(data.joint(f"joint:{name}:0").qpos[0]) for name in names}
 
-    for joint, position in sim.run_on_engine(read).items():
+    for joint, position in sim.engine.run(read).items():
         assert robot.joint_positions()[joint] == pytest.approx(position + robot.placed.zero[joint], abs=1e-9)
 
 
@@ -302,7 +303,7 @@ def test_the_motion_after_a_halt_starts_where_the_joint_is(sim: Simulation, robo
 
 
 def deepest_contact(sim: Simulation) -> float:
-    return max((contact.depth_m for contact in sim.run_on_engine(lambda engine: engine.contacts())), default=0.0)
+    return max((contact.depth_m for contact in sim.engine.run(lambda engine: engine.contacts())), default=0.0)
 
 
 # -- base --------------------------------------------------------------------------------------------------------------
@@ -321,6 +322,19 @@ def test_a_path_is_driven_to_its_end_within_the_speed_limits(sim: Simulation, ro
     assert (x, y) == pytest.approx((0.0, 1.0), abs=0.012)
     assert wrapped(yaw - math.pi) == pytest.approx(0.0, abs=0.02)
     assert 0.6 < fastest <= robot.model.base.velocity * 1.03
+
+
+def test_the_base_is_slow_at_a_corner_and_does_not_overshoot_it(sim: Simulation, robot: Robot) -> None:
+    goal = robot.start_driving([(0.2, 0.0, 0.0), (0.2, 0.2, 0.0)])
+    farthest, fastest = 0.0, 0.0
+    while goal.result is None:
+        sim.step(0.01)
+        odometry = robot.odometry()
+        farthest = max(farthest, robot.base_pose()[0])
+        fastest = max(fastest, math.hypot(odometry.vx, odometry.vy))
+    assert goal.result, goal.result
+    assert farthest < 0.21
+    assert fastest > 0.3
 
 
 def test_odometry_is_exact_and_starts_where_the_robot_was_added(sim: Simulation, model: RobotModel) -> None:
@@ -494,7 +508,7 @@ def test_the_force_of_the_fingers_is_that_of_the_command(sim: Simulation, robot:
         robot.run(robot.gripping("", 0.12))
         assert robot.run(robot.gripping("", 0.0, max_force_n=force_n))
         sim.step(0.3)
-        contacts = sim.run_on_engine(lambda engine: engine.contacts())
+        contacts = sim.engine.run(lambda engine: engine.contacts())
         forces = [
             each.force_n for each in contacts if "carton" in (each.a, each.b) and "pillar" not in (each.a, each.b)
         ]
@@ -506,7 +520,7 @@ def test_fingers_are_not_faster_than_their_limit_when_what_they_press_slips_out(
     """The drive is a spring that is bent as far as its largest force when it presses."""
     give(sim, robot)
     assert robot.run(robot.gripping("", 0.0)).stalled
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("carton"): Pose((3.0, 3.0, 0.1))})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("carton"): Pose((3.0, 3.0, 0.1))})), edits=True)
     speeds = []
     for _ in range(50):
         sim.step(0.002)
@@ -578,10 +592,10 @@ def test_reset_puts_the_robot_back_and_ends_its_motions(sim: Simulation, robot: 
 
 def test_a_restored_state_ends_the_motions_that_were_started_later(sim: Simulation, robot: Robot) -> None:
     sim.step(0.1)
-    saved = sim.run_on_engine(lambda engine: engine.save_state())
+    saved = sim.engine.run(lambda engine: engine.save_state())
     goal = robot.start_trajectory(robot.trajectory_to({"lift_joint": 0.9}))
     sim.step(1.0)
-    sim.run_on_engine(lambda engine: engine.restore_state(saved))
+    sim.engine.run(lambda engine: engine.restore_state(saved))
     before = robot.joint_positions()
     sim.step(1.0)
     assert goal.status is MotionOutcome.CANCELED
@@ -634,3 +648,41 @@ def test_an_engine_without_actuators_has_the_robot_but_refuses_its_motions(model
         with sim.fork(physics=True) as copy:
             twin = find_robot(copy)
             assert twin.run(twin.moving_to({"lift_joint": 0.6}))
+
+
+@pytest.mark.parametrize("other", [None, "own link"])
+def test_fingers_on_the_ground_or_on_the_robot_itself_hold_nothing(robot: Robot, other: str | None) -> None:
+    drives = robot.controller.drives
+    ((name, fingers),) = drives.finger_bodies.items()
+    wheel = next(id for id in drives.link_of_body if id not in drives.gripper_bodies)
+    touched = wheel if other else None
+
+    class TouchingEngine(NullEngine):
+        capabilities = frozenset({Capability.CONTACTS})
+        of: BodyId | None = touched
+
+        def contacts(self) -> tuple[Contact, ...]:
+            return tuple(
+                Contact(a=next(iter(each)), b=self.of, position=(0, 0, 0), normal=(0, 0, 1), force_n=9.0, depth_m=0.001)
+                for each in fingers
+            )
+
+    engine = TouchingEngine()
+    assert held_bodies(engine, drives) == {}
+    engine.of = BodyId("cup")
+    assert held_bodies(engine, drives) == {name: BodyId("cup")}
+
+
+def test_a_motion_that_does_not_end_is_closed_after_its_time(sim: Simulation, robot: Robot) -> None:
+    start_s, closed_s = sim.state.time_s, list[float]()
+
+    def endless() -> Generator[float, None, None]:
+        try:
+            while sim.state.time_s < start_s + 2.0:
+                yield 0.05
+        finally:
+            closed_s.append(sim.state.time_s)
+
+    with pytest.raises(TimeoutError, match=r"did not end within 0\.5 s"):
+        robot.run(endless(), timeout_s=0.5)
+    assert closed_s == [pytest.approx(start_s + 0.5, abs=0.051)]

@@ -19,6 +19,7 @@ from mindstage.bridge.conversions import (
     world_to_json,
 )
 from mindstage.engines import NullEngine, PoseArray
+from mindstage.engines.base import Actuator
 from mindstage.episodes.episode import Episode
 from mindstage.errors import BodyNotFoundError, PoseUnreachableError, ServiceCallError, SimulationDivergedError
 from mindstage.knowledge import KnowledgeBase
@@ -87,6 +88,18 @@ def test_bodies_are_edited(engine: Call, simulation: Simulation) -> None:
     assert engine("detach", child="Mug")["success"]
     assert engine("delete", ids=["Mug", "Drawer"])["success"]
     assert not {"Mug", "Drawer"} & set(simulation.state.ids)
+
+
+def test_bodies_without_weight_hover(engine: Call, simulation: Simulation) -> None:
+    def height_after_a_fall() -> float:
+        assert engine("set_pose", id="Mug", pose=pose_message(4, 4, 4))["success"]
+        simulation.step(0.3)
+        return simulation.snapshot().body("Mug").pose.position[2]
+
+    assert height_after_a_fall() < 3.7
+    none = to_json((), tuple[Actuator, ...])
+    assert engine("set_actuators", actuators=none, without_weight=["Mug"])["success"]
+    assert height_after_a_fall() == pytest.approx(4.0, abs=0.01)
 
 
 def test_responses_to_edits_have_the_expected_time_of_a_rebuild(engine: Call, simulation: Simulation) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -242,9 +243,13 @@ def test_a_gripper_closes_and_opens(robot_client: RobotClient) -> None:
     type = "control_msgs/GripperCommand"
     for name, opening in (("gripper_cmd", 0.02), ("gripper_action", 0.09)):
         command = {"command": {"position": opening, "max_effort": 500.0}}
-        status, result = robot_client.send_goal(f"gripper_controller/{name}", type, command).wait()
+        goal = robot_client.send_goal(f"gripper_controller/{name}", type, command)
+        status, result = goal.wait()
         assert (status, result["reached_goal"], result["stalled"]) == ("SUCCEEDED", True, False)
         assert result["position"] == pytest.approx(opening, abs=0.003)
+        positions = [each["position"] for each in goal.feedback]
+        assert all(0.0 < each < 0.13 for each in positions)
+        assert max(abs(b - a) for a, b in pairwise(positions)) > 0.001, "the fingers move"
     command = {"command": {"position": 0.5, "max_effort": 0.0}}
     goal = robot_client.send_goal("gripper_controller/gripper_cmd", type, command)
     status, result = goal.wait()

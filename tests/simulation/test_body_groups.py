@@ -10,9 +10,10 @@ import pytest
 from mindstage import KnowledgeBase, MujocoEngine, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, HistoryChangedError, InvalidArgumentError
 from mindstage.maps import bundled_kitchen
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 FRIDGE, DOOR, HANDLE, MUG = (BodyId(name) for name in ("Fridge", "FridgeDoor", "FridgeHandle", "Mug"))
@@ -22,6 +23,25 @@ FRIDGE, DOOR, HANDLE, MUG = (BodyId(name) for name in ("Fridge", "FridgeDoor", "
 def simulation() -> Iterator[Simulation]:
     with Simulation(KnowledgeBase(), NullEngine()) as simulation:
         simulation.spawn(kitchenette())
+        yield simulation
+
+
+@pytest.fixture
+def room() -> Iterator[Simulation]:
+    """A chest on the floor between two others."""
+    boxes = {
+        "floor": ((0.0, 0.0, -0.05), (8.0, 8.0, 0.1)),
+        "chest": ((0.0, 0.0, 0.2), (0.4, 0.4, 0.4)),
+        "left": ((-0.6, 0.0, 0.3), (0.6, 0.6, 0.6)),
+        "right": ((0.6, 0.0, 0.3), (0.6, 0.6, 0.6)),
+    }
+    iri = Iri("http://example.org/room")
+    bodies = tuple(
+        Body(id=BodyId(name), iri=Iri(f"{iri}#{name}"), cls=Iri(f"{iri}#Box"), pose=Pose(at), size=size)
+        for name, (at, size) in boxes.items()
+    )
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, threaded=False) as simulation:
+        simulation.spawn(World(iri=iri, bodies=bodies))
         yield simulation
 
 
@@ -72,7 +92,17 @@ def test_a_copied_group_is_pasted_beside_with_its_joints(simulation: Simulation)
     assert position(simulation, "FridgeDoor_1") - position(simulation, "FridgeDoor") == pytest.approx(offset)
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
+def test_a_copy_avoids_what_is_on_both_sides_of_its_original(room: Simulation) -> None:
+    (copy,) = paste_group(room, BodyGroup.from_world(room.snapshot(), [BodyId("chest")]))
+    world = room.snapshot()
+    at, size = position(room, copy), np.array(world.body("chest").size)
+    assert at[2] == pytest.approx(0.2), "on the floor"
+    for other in ("chest", "left", "right"):
+        gap = np.abs(at - position(room, other)) - (size + np.array(world.body(other).size)) / 2
+        assert gap[:2].max() > 0.0, f"beside {other}"
+
+
+@each_case("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
 def test_other_text_is_not_pasted(text: str) -> None:
     with pytest.raises(InvalidArgumentError, match="pasted text"):
         BodyGroup.from_text(text)
@@ -110,7 +140,7 @@ def test_a_step_of_the_history_is_chosen_only_as_it_was_seen(simulation: Simulat
 def test_what_was_moved_by_physics_can_be_recorded_as_one_step(simulation: Simulation) -> None:
     before = {body.id: body.pose for body in simulation.snapshot().bodies}
     assert not simulation.edits.record_motion(before, label="nothing dragged")
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.5, 0.85))})), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.5, 0.85))})), edits=True)
     assert simulation.edits.record_motion(before, label="Mug dragged")
     assert simulation.edits.undo() == "Mug dragged"
     assert position(simulation, MUG) == pytest.approx(before[MUG].position)
@@ -122,10 +152,10 @@ def test_what_was_moved_by_physics_can_be_recorded_as_one_step(simulation: Simul
 def test_things_are_placed_on_flat_panels(kitchen: Simulation, holder: str) -> None:
     placed = kitchen.place("CoffeeMug", on=holder)
     body = kitchen.snapshot().body(BodyId(holder))
-    low = kitchen.run_on_engine(lambda engine: engine.snapshot()).body(placed.id).pose.position[2]
+    low = kitchen.engine.run(lambda engine: engine.snapshot()).body(placed.id).pose.position[2]
     assert placed.support_id == holder
     assert low > body.pose.position[2]
-    kitchen.run_on_engine(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
+    kitchen.engine.run(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
 
 
 def test_a_body_is_placed_near_a_point(kitchen: Simulation) -> None:
@@ -133,7 +163,7 @@ def test_a_body_is_placed_near_a_point(kitchen: Simulation) -> None:
     placed = kitchen.place("CoffeeMug", on="counter_west", near=(x + 0.2, y - 0.1, z))
     offset = np.subtract(placed.pose.position, (x + 0.2, y - 0.1, z))
     assert np.linalg.norm(offset[:2]) < 0.3
-    kitchen.run_on_engine(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
+    kitchen.engine.run(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
 
 
 def test_pulling_an_unknown_body_is_an_error(simulation: Simulation) -> None:

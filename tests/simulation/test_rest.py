@@ -101,7 +101,7 @@ def test_loose_furniture_stays_loose_in_a_map_whose_walls_are_static(load_map: L
     report = simulation.spawn(check_rest=True)
     assert not notes_of(report, SpawnNoteKind.IMMOVABLE)
     assert not report.moved
-    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("chair0"), (0.0, 0.0, 2000.0)))
+    simulation.engine.run(lambda engine: engine.apply_force(BodyId("chair0"), (0.0, 0.0, 2000.0)))
     simulation.step(0.1)
     heights = dict(zip(simulation.state.ids, simulation.state.poses[:, 2].tolist(), strict=True))
     assert heights["chair0"] > 0.47
@@ -239,14 +239,14 @@ def test_checking_the_rest_leaves_the_world_as_it_was(load_map: LoadMap) -> None
     before = simulation.state.poses
     assert simulation.check_rest()
     assert np.array_equal(simulation.state.poses, before)
-    assert simulation.notes == ()
+    assert simulation.engine.notes == ()
 
 
 def test_what_falls_out_of_the_place_is_stopped_and_reported_once(load_map: LoadMap) -> None:
     _, simulation = load_map(ROOM[0]._replace(mobility="Static"), Actor("ball", "Ball", (20, 0, 1), (0.2, 0.2, 0.2)))
     simulation.spawn(ground=False)
     simulation.step(4.0)
-    assert [note.kind for note in simulation.notes] == [SpawnNoteKind.STOPPED]
+    assert [note.kind for note in simulation.engine.notes] == [SpawnNoteKind.STOPPED]
     assert drift(simulation, 1.0)["ball"] < 1e-9
 
 
@@ -284,7 +284,7 @@ def test_at_most_one_body_in_a_hundred_moves_in_any_map_and_each_is_named(shared
                 simulation.step(10.0)
                 present = {body.id: body.pose for body in simulation.snapshot().bodies}
                 moved = {id for id, pose in described.items() if moved_by_m(pose, present[id]) > 0.1}
-                causes = (note for note in (*report.notes, *simulation.notes) if note.kind in CAUSES_OF_MOTION)
+                causes = (note for note in (*report.notes, *simulation.engine.notes) if note.kind in CAUSES_OF_MOTION)
                 named = {id for note in causes for id in note.ids}
                 assert len(moved) <= len(described) / 100, (path.name, moved)
                 assert moved <= named, path.name

@@ -149,6 +149,8 @@ def test_a_body_is_added_at_a_point_or_on_a_body(adding: Adding) -> None:
 def test_classes_are_found_by_words_within_a_category(adding: Adding) -> None:
     found = adding.ask("find_classes", text="cup")
     assert CUP in [each["name"] for each in found]
+    titles = {each["title"] for each in adding.ask("find_classes", text="bottle")}
+    assert {"Bottle", "Bottle cap", "Glass bottle"} <= titles
     everything = adding.ask("find_classes")
     assert len(everything) > len(found)
     assert all(each["size"] for each in everything)

@@ -14,8 +14,9 @@ import pytest
 import zstandard
 from msgspec.structs import replace
 
-from mindstage.episodes import EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
 from mindstage.errors import EpisodeFileError
+from mindstage.scene.transforms import pose_array
 from mindstage.viewer.html_export import write_html
 from tests.episodes.episodes import DRAWER, kitchenette_episode
 from tests.kitchenette import kitchenette
@@ -136,3 +137,15 @@ def test_the_page_plays_in_a_browser_without_a_server(page: Path, browser: Any) 
         assert [url for url in requests if url.startswith(("http:", "https:", "ws"))] == []
     finally:
         tab.close()
+
+
+def test_an_event_is_named_from_the_frame_at_its_begin_to_the_frame_at_its_end(tmp_path: Path) -> None:
+    world = kitchenette()
+    ids = tuple(body.id for body in world.bodies)
+    poses = pose_array(body.pose for body in world.bodies)
+    frames = [EpisodeFrame(time_s=0.5 * number, structure=world, ids=ids, poses=poses) for number in range(5)]
+    opening = EpisodeEvent(id="Opening_1", kind=EpisodeEventKind.OPEN, begin_s=0.5, end_s=1.5, thing=DRAWER)
+    path = tmp_path / "events.html"
+    write_html(FrameRecording(frames, events=(opening,)), path, rate_hz=2.0)
+    times = [time for time, message in recorded_messages(path)["messages"] if message.get("name") == "/events/Drawer"]
+    assert (times[0], times[-1]) == pytest.approx((0.5, 1.5))

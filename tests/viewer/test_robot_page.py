@@ -191,7 +191,7 @@ def test_robots_are_added_on_the_free_floor_and_removed(tab: PageTab, simulation
     assert np.linalg.norm(np.subtract(added.base_pose()[:2], find_robot(simulation, NAME).base_pose()[:2])) > 0.5
     simulation.step(0.2)
     wait_until(lambda: added.name in tab.page.locator("[data-role=robot]").input_value(), "it is chosen")
-    assert not simulation.run_on_engine(
+    assert not simulation.engine.run(
         lambda engine: [
             each for each in engine.contacts() if each.a in added.body_ids and each.b not in (*added.body_ids, "Floor")
         ]
@@ -401,3 +401,19 @@ def test_handles_and_regions_are_shown_until_they_are_hidden_or_the_robot_is_rem
     fake.ask("robots.remove", robot=again)
     fake.ask("robots.region", robot=NAME, arm="arm", shown=False)
     assert not fake.latest_value("robot_states")[NAME]["targets"]["arm"]["region"]
+
+
+@pytest.mark.usefixtures("listener")
+def test_a_gripper_goes_where_its_handle_is_dragged_and_the_reason_is_published_if_it_cannot(
+    fake: FakePage, viewer: Viewer, robot: Robot
+) -> None:
+    def reason() -> str:
+        return str(robot_state(viewer, fake)["targets"]["arm"]["reason"])
+
+    fake.ask("robots.target", robot=NAME, arm="arm", shown=True)
+    wanted = np.array([START[0] + 0.55, START[1], 0.9, 1.0, 0.0, 0.0, 0.0])
+    drag_handle(viewer, wanted)
+    wait_until(lambda: np.linalg.norm(robot.grasp_pose()[:3] - wanted[:3]) < 0.02, "the gripper is there")
+    assert reason() == ""
+    drag_handle(viewer, np.array([START[0] + 4.0, START[1], 0.9, 1.0, 0.0, 0.0, 0.0]), phase="end")
+    wait_until(lambda: "reach" in reason(), "the reason is published")

@@ -266,6 +266,8 @@ def test_a_highlight_in_a_batch_dims_its_other_members(server: FakeServer, scene
     assert state(server, "/batches/1/textured")["visible"] is True
     assert len(state(server, "/batches/1/textured")["batched_positions"]) == BATCH_SIZE - 1
     assert plain["visible"] is False
+    # The hidden node keeps its instances: the page cannot draw one without any.
+    assert 0 < len(plain["batched_positions"]) == len(plain["batched_colors"]) == len(plain["batched_opacities"])
 
 
 def test_removing_a_member_keeps_the_rest_of_the_batch(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 import sys
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,13 +18,16 @@ import pytest
 import viser
 from msgspec.structs import replace
 
+import mindstage.viewer
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.errors import BodyNotFoundError, NumberRefusedError, ViewerUnavailableError
 from mindstage.scene import BodyId, BodyPhysics, Pose
 from mindstage.scene.edits import Delete, SetPhysics, SetPoses, Spawn
+from mindstage.textures import TextureMap
 from mindstage.viewer import Viewer
+from mindstage.viewer.http import texture_path
 from tests.kitchenette import kitchenette
-from tests.viewer.page_client import connect_page_client
+from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
 MUG = BodyId("Mug")
@@ -52,6 +58,16 @@ def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
     assert viewer.url.startswith("http://127.0.0.1:")
     with urllib.request.urlopen(viewer.url, timeout=30) as page:
         assert b"<html" in page.read()
+
+
+def test_images_of_textures_are_served_and_unknown_ones_are_not_found(viewer: Viewer) -> None:
+    path = texture_path("oak_board", TextureMap.COLOR)
+    assert path is not None
+    with urllib.request.urlopen(viewer.url.rstrip("/") + path, timeout=60) as image:
+        assert (image.status, image.headers["Content-Type"]) == (200, "image/jpeg")
+        assert image.read(2) == b"\xff\xd8"
+    with pytest.raises(urllib.error.HTTPError, match="404"):
+        urllib.request.urlopen(viewer.url.rstrip("/") + path.replace("oak", "gold"), timeout=60)
 
 
 def test_a_port_that_was_given_and_is_taken_is_an_error_that_names_its_user(
@@ -124,10 +140,10 @@ def test_a_world_spawned_later_is_shown() -> None:
 
 def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     wait_until(lambda: not shown(viewer, "Mug"), "the mug is gone")
     other = replace(kitchenette().body("Mug"), id=BodyId("Other"))
-    simulation.run_on_engine(
+    simulation.engine.run(
         lambda engine: engine.apply(Spawn(replace(kitchenette(), bodies=(other,), joints=(), attachments=()))).report
     )
     wait_until(lambda: shown(viewer, "Other"), "an unannounced edit is shown, too")
@@ -136,7 +152,7 @@ def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, 
 def test_moving_bodies_move_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
     pose = replace(kitchenette().body("Mug").pose, position=(1.0, 2.0, 3.0))
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: pose})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({MUG: pose})))
     nodes = viewer._scene._bodies
     assert nodes._blocks is not None
     rows = nodes._blocks._rows
@@ -167,7 +183,7 @@ def test_bodies_that_become_dynamic_are_draggable(simulation: Simulation, viewer
     assert "Fridge" not in viewer._drag_controller.draggable
     dynamic = kitchenette().body("Mug").physics
     assert isinstance(dynamic, BodyPhysics)
-    simulation.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("Fridge"), dynamic)), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPhysics(BodyId("Fridge"), dynamic)), edits=True)
     wait_until(lambda: "Fridge" in viewer._drag_controller.draggable, "the fridge is draggable")
 
 
@@ -175,7 +191,7 @@ def test_highlighting_redraws_no_bodies(simulation: Simulation, viewer: Viewer) 
     wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
     cupboard = viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured")
     away = replace(kitchenette().body("Drawer").pose, position=(0.0, 3.0, 0.0))
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Drawer"): away})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Drawer"): away})))
     simulation.highlight([MUG], (1.0, 0.0, 0.0))
     wait_until(lambda: shown_plain(viewer, "Mug"), "the page is updated")
     assert viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured") is cupboard
@@ -220,7 +236,7 @@ def test_a_failed_update_is_shown_logged_once_and_retried(
     with caplog.at_level(logging.ERROR), connect_page_client(viewer.url) as client:
         with monkeypatch.context() as broken:
             broken.setattr(simulation, "snapshot", fail)
-            simulation.run_on_engine(lambda engine: None, edits=True)
+            simulation.engine.run(lambda engine: None, edits=True)
             wait_until(
                 lambda: "no snapshot today" in (client.latest_value("viewer_error") or ""),
                 "the error is shown",
@@ -255,3 +271,21 @@ def test_the_page_stays_open_after_the_simulation_is_closed(simulation: Simulati
     wait_until(lambda: viewer.views._defaults, "requests are still accepted")
     assert viewer._thread.is_alive()
     assert shown(viewer, "Mug")
+
+
+def test_the_scripts_of_the_page_call_every_method_and_no_others(viewer: Viewer) -> None:
+    methods = {each.name for each in viewer.channel.entry_points()}
+    folder = Path(mindstage.viewer.__file__).parent
+    scripts = "\n".join(path.read_text(encoding="utf-8") for path in folder.rglob("*.js"))
+    words = set(re.findall(r"""["'`]([a-z_.]+)["'`]""", scripts))
+    assert methods <= words | {f"robots.{each}" for each in words}
+    assert set(re.findall(r'channel\.call\("([a-z_.]+)"', scripts)) <= methods
+
+
+def test_every_method_of_the_page_is_admitted_and_answered(viewer: Viewer) -> None:
+    methods = [each.name for each in viewer.channel.entry_points()]
+    assert {"select", "undo", "standard_view", "ask"} <= set(methods)
+    with connect_page_client(viewer.url) as page:
+        for name in methods:
+            with pytest.raises(RequestFailedError, match=r"^InvalidRequestError: .*no_such_field"):
+                page.ask(name, no_such_field=1)

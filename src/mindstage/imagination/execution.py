@@ -54,7 +54,15 @@ from mindstage.robots.robot import Robot
 from mindstage.robots.skill_declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector, as_pose
 from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses
-from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_multiply,
+    quat_rotate,
+)
 from mindstage.simulation import Simulation
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
@@ -354,7 +362,7 @@ class _Sample:
                 engine.apply(SetPoses(dict(poses)))
 
         if scales or poses:
-            self.simulation.run_on_engine(perturb, label="perturb", edits=True)
+            self.simulation.engine.run(perturb, label="perturb", edits=True)
             self.watch.set_reference(id for id, _ in poses)
 
     def _noisy(self, id: BodyId, pose: Pose) -> Pose:
@@ -459,8 +467,13 @@ class _Sample:
         return {} if merged is None else {id: merged}
 
     def _set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._edit(SetPoses({id: self._noisy(id, pose)}))
-        self.watch.set_reference([id])
+        """Sets the pose of a thing, at rest, with those of what stands on it."""
+        poses = {id: self._noisy(id, pose)}
+        new_from_old = pose_multiply(_array(poses[id]), pose_inverse(self._pose(id)))
+        for load in self.watch.loads_of(id):
+            poses[load] = pose_from_array(pose_multiply(new_from_old, self._pose(load)))
+        self._edit(SetPoses(poses, {} if self.watch.is_prescribed(id) else None))  # {}: it is there at once
+        self.watch.set_reference(poses)
 
     def _push(self, step: Push) -> _SimulatedTime:
         id = self._body(step.thing)
@@ -473,7 +486,7 @@ class _Sample:
                     pose = self._pose(id)
                     x, y, z = (pose[:3] + quat_rotate(pose[3:], step.point)).tolist()
                     point = (x, y, z)
-                self.simulation.run_on_engine(partial(_apply_force, id, step.force, point))
+                self.simulation.engine.run(partial(_apply_force, id, step.force, point))
                 yield from self._advance(chunk)
                 done += chunk
 
@@ -832,9 +845,9 @@ class _Validator:
         if not np.all(np.asarray(each.position_m) >= 0.0) or not np.all(np.isfinite(each.position_m)):
             self._fail(f"{path}.position_m", "a standard deviation is at least 0")
         if (each.mass or each.friction or each.joint_friction) and (
-            Capability.SCALE_DYNAMICS not in self.simulation.capabilities
+            Capability.SCALE_DYNAMICS not in self.simulation.engine.capabilities
         ):
-            self._fail(path, f"{self.simulation.engine_name} cannot vary masses and frictions; use mujoco")
+            self._fail(path, f"{self.simulation.engine.name} cannot vary masses and frictions; use mujoco")
         if not self._exists(each.thing):
             try:
                 self.simulation.knowledge.names.find(each.thing, EntityType.CLASS)

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.engines.base import Applied, Capability, Contact, DynamicsScale, Engine, PoseArray, SavedState
+from mindstage.engines.base import Applied, Capability, Contact, DynamicsScale, Engine, PoseArray, SavedState, SpawnNote
 from mindstage.engines.mujoco import CompiledState, MujocoEngine, whole_steps
 from mindstage.errors import EngineError, ImaginationError, PlanError, SimulationDivergedError, WorldError
 from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, never, resume
@@ -30,6 +30,7 @@ from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses, counted_ids
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
+from mindstage.simulation.engine_thread import EngineAccess
 from mindstage.simulation.interaction import Perturbations, SpringPerturbation, spring_forces
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
@@ -95,7 +96,10 @@ class WarpExecutor:
     @property
     def notes(self) -> tuple[str, ...]:
         """See `Executor`."""
-        text = f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision and no sleep"
+        text = (
+            f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, and "
+            "no divided time steps for fast bodies"
+        )
         return (f"{text}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
 
     @property
@@ -220,7 +224,7 @@ class _Slot:
             self._steps, self._pending_s = whole_steps(self._pending_s + part_s, self._world.timestep_s)
             if self._steps:
                 self.steps_left = self._steps
-                self._world.engine.begin_step()
+                self._world.batched_engine.begin_step()
                 return None
 
     def passed(self, steps: int) -> SampleResult | None:
@@ -246,7 +250,7 @@ def _parts(world: _BatchWorld, sample: RunningSample) -> RunningSample:
         if isinstance(duration_s, SampleResult):
             return duration_s
         try:
-            yield from world.perturbations.substeps(world.engine.as_engine(), duration_s)
+            yield from world.perturbations.substeps(world.batched_engine.as_engine(), duration_s)
             reason = None
         except (SampleStoppedError, EngineError) as error:
             reason = error
@@ -255,13 +259,14 @@ def _parts(world: _BatchWorld, sample: RunningSample) -> RunningSample:
 class _BatchWorld:
     """One world of a batch, as the `SampleSession` of one sample."""
 
-    capabilities = frozenset({Capability.CONTACTS, Capability.SCALE_DYNAMICS, Capability.JOINTS})
-
     def __init__(self, template: _Template, batch: WarpBatch, row: int, pulls: list[_Pull]) -> None:
         self.template, self.batch, self.row = template, batch, row
         self.knowledge = template.simulation.knowledge
         self.timestep_s = batch.timestep_s
-        self.engine = _WorldEngine(self)
+        self.batched_engine = _WorldEngine(self)
+        self.engine = EngineAccess(
+            self.batched_engine.as_engine, lambda function, **_: function(self.batched_engine.as_engine())
+        )
         self.perturbations = _BatchPulls(pulls, row, batch.compiled.body_ids)
         self.time_s = template.simulation.state.time_s
         self._state: StateSnapshot | None = None
@@ -294,12 +299,6 @@ class _BatchWorld:
         """Ends the pull on one body, or all pulls."""
         self.perturbations.release(id)
 
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
-    ) -> T:
-        """Runs a function on what stands for the engine of this world."""
-        return function(self.engine.as_engine())
-
     def place(self, item: str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
         """The pose at which a body that exists can be placed; the caller moves it there."""
         with self.simulation() as simulation:
@@ -317,22 +316,22 @@ class _BatchWorld:
         """A simulation in the state of this world, for what needs more than states and forces."""
 
         def load(engine: Engine) -> None:
-            for edit in self.engine.physics:
+            for edit in self.batched_engine.physics:
                 engine.apply(edit)
             for id in self.template.driven:
                 engine.apply(SetPoses({id: pose_from_array(self.state.poses[self.state.ids.index(id)])}))
-            if self.engine.scales:
-                engine.scale_dynamics(self.engine.scales)
+            if self.batched_engine.scales:
+                engine.scale_dynamics(self.batched_engine.scales)
             cast("MujocoEngine", engine).compiled().set_state(self.batch.state(self.row, time_s=self.time_s))
 
         with self.template.restore() as simulation:
-            simulation.run_on_engine(load, label="load", edits=True)
+            simulation.engine.run(load, label="load", edits=True)
             yield simulation
 
     def end_step(self, steps: int) -> None:
         """Follows the batch, which has made some time steps."""
         self.time_s += steps * self.timestep_s
-        self.engine.end_step()
+        self.batched_engine.end_step()
         self._state = None
 
     def divergence(self) -> SimulationDivergedError | None:
@@ -361,7 +360,7 @@ class _BatchWorld:
                 self.batch.set_state(self.row, self.template.engine.compiled())
                 self._state = None
             case SetPhysics():
-                self.engine.set_physics(edit)
+                self.batched_engine.set_physics(edit)
             case _:
                 raise ImaginationError(f"a world of a batch on a GPU cannot {edit.kind}; {_OTHERS}")
         return Applied(edit=edit, inverse=edit)
@@ -370,12 +369,18 @@ class _BatchWorld:
 class _WorldEngine:
     """The part of the `Engine` protocol that a world of a batch has."""
 
+    name = "mujoco_warp"
+    capabilities = frozenset({Capability.CONTACTS, Capability.SCALE_DYNAMICS, Capability.JOINTS})
+
     def __init__(self, world: _BatchWorld) -> None:
         self._world = world
         self._wrenches: dict[int, Array] = {}
         self.scales: dict[BodyId, DynamicsScale] = {}
         self.physics: tuple[SetPhysics, ...] = ()
         """The changes of physical properties, in their order."""
+
+    notes: tuple[SpawnNote, ...] = ()
+    """See `Engine`: none, since nothing is checked while time passes."""
 
     def as_engine(self) -> Engine:
         """This object, as those see it who need a part of an engine only."""
@@ -417,7 +422,7 @@ class _WorldEngine:
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
         with self._world.simulation() as simulation:
-            return simulation.run_on_engine(lambda engine: engine.joint_positions())
+            return simulation.engine.run(lambda engine: engine.joint_positions())
 
     def begin_step(self) -> None:
         """Applies the forces until `end_step`."""
@@ -446,7 +451,7 @@ class _Template:
         self._image = job.image
         self.simulation = job.image.restore()
         self.runner = PlanRunner(self.simulation, job.plan, seed=job.seed)
-        engine = self.simulation.run_on_engine(lambda engine: engine.fork())
+        engine = self.simulation.engine.run(lambda engine: engine.fork())
         if not isinstance(engine, MujocoEngine):
             raise ImaginationError(f"the worlds of {engine.name} cannot be simulated by MuJoCo Warp; {_OTHERS}")
         self.engine = engine

@@ -16,15 +16,16 @@ import numpy as np
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.ranges import Count, Length, WallTime, checked
-from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
-from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
+from mindstage.robots.floor_poses import BasePose, wrapped
 from mindstage.robots.models.robot_model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
-from mindstage.robots.planning import find_arm
+from mindstage.robots.planning import ArmTask, find_arm
+from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.scene.transforms import Array, normalized_pose_array
 
 __all__ = ["BasePlacement", "find_base_placements", "reachable_region"]
 
@@ -33,7 +34,8 @@ _BEARING_COUNT = 16
 _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 """Headings relative to that towards the targets, the preferred first."""
 _IK_ATTEMPTS = 4
-_SAMPLES = 300
+_SAMPLES = 600
+"""Number of random positions of an arm by which its reach is estimated."""
 _ONE_SIDED_M = 0.15
 """An arm whose grasp frame is so far from the base on average reaches to one side [m]."""
 _MAX_ADJUSTMENT_M = 0.35
@@ -42,14 +44,16 @@ _DRIVE_WEIGHT = 0.05
 _MOVE_COST = 0.1
 """Loss of score for any way at all."""
 _HEADING_WEIGHT = 0.1
+"""Loss of score for each radian by which the base faces aside."""
 _TRIALS_PER_ANSWER = 12
+"""Number of places that are tried for each one that is asked for, before the search ends."""
 _REGION_ATTEMPTS = 3
 
 
 class BasePlacement(msgspec.Struct, frozen=True, kw_only=True):
     """A place of the base from which an arm reaches all targets."""
 
-    base: tuple[float, float, float]
+    base: BasePose
     """x, y [m] and yaw [rad] of the base in the world frame."""
     positions: tuple[Mapping[str, float], ...]
     """Positions of the arm's joints for each target [m or rad]."""
@@ -65,12 +69,12 @@ class _Reason(NamedTuple):
     obstacle: BodyId | None = None
 
 
-class _Placing:
+class _Placing(ArmTask):
     """The task of finding a place."""
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         arm: Arm | str,
         targets: Iterable[PoseLike],
         *,
@@ -79,53 +83,29 @@ class _Placing:
         touch: Collection[BodyId],
         clearance_m: float,
     ) -> None:
-        self.robot, self.arm, self.free = robot, find_arm(robot, arm), free
+        here = robot.base_pose()
+        super().__init__(
+            robot, arm, start=None, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=1.0, base=here
+        )
+        self.free, self.here = free, here
         self.targets = np.array([normalized_pose_array(each) for each in targets])
         if not len(self.targets):
             raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
-        self.kinematics = RobotKinematics(robot.model)
-        self.frame = self.kinematics.frame_of(self.arm)
-        self.positions = robot.joint_positions()
         self.rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
-        self.here = robot.base_pose()
-        self.root = robot.link_pose(robot.model.root)
-        at = (float(self.root[0]), float(self.root[1]), yaw_of(self.root[3:]))
-        self.root_in_base = planar_multiply(planar_inverse(self.here), at)
-        self.checker = CollisionChecker(
-            robot, joints=self.arm.joints, base_moves=True, ignore=ignore, touch=touch, clearance_m=clearance_m
-        )
+        self.base_frame = robot.base_frame()
         self.floor = FloorMap(robot, ignore=ignore)
         self.reasons: Counter[_Reason] = Counter()
-        limits = np.array([self.kinematics.limits(joint) for joint in self.arm.joints])
-        self.is_limited = np.isfinite(limits).all(axis=1)
-        ranges = np.where(self.is_limited[:, None], limits, [-pi, pi])
-        self.middle, self.half = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
-        self.reach_m, self.side = self._extent()
+        self.is_limited = np.isfinite(self.upper - self.lower)
+        low, high = _ranges(self.kinematics, self.arm)
+        self.middle, self.half = (low + high) / 2, (high - low) / 2
+        points = _sampled_points(self.kinematics, self.arm, self.positions, self.base_frame.root_at((0.0, 0.0, 0.0)))
+        x, y = points.mean(axis=0).tolist()
+        self.reach_m = float(np.hypot(*points.T).max())
+        """The largest horizontal distance of the grasp frame from the base [m]."""
+        self.side = atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
+        """Its mean direction from there [rad]."""
 
-    def _extent(self) -> tuple[float, float]:
-        """The largest horizontal distance of the grasp frame from the base [m], and its mean direction [rad]."""
-        root = self._root_at((0.0, 0.0, 0.0))
-        rows = self.middle + self.half * np.random.default_rng(0).uniform(-1.0, 1.0, (_SAMPLES, len(self.half)))
-        places = np.array(
-            [
-                self.kinematics.pose(
-                    self.frame, {**self.positions, **dict(zip(self.arm.joints, row, strict=True))}, root_pose=root
-                )[:2]
-                for row in rows.tolist()
-            ]
-        )
-        x, y = places.mean(axis=0).tolist()
-        return float(np.hypot(*places.T).max()), atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
-
-    def _root_at(self, base: tuple[float, float, float]) -> Array:
-        """The pose of the root link for a pose of the base."""
-        x, y, yaw = planar_multiply(base, self.root_in_base)
-        turned = yaw_of(self.root[3:])
-        upright = pose_multiply(np.array([0.0, 0.0, 0.0, cos(turned / 2), 0.0, 0.0, -sin(turned / 2)]), self.root)
-        upright[:2] = 0.0
-        return pose_multiply(np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]), upright)
-
-    def candidates(self, max_distance_m: float | None) -> Iterator[tuple[tuple[float, float, float], float]]:
+    def candidates(self, max_distance_m: float | None) -> Iterator[tuple[BasePose, float]]:
         """Places that the base can drive to with a part of their score, in an order that covers all sides early."""
         middle, reach_m = self.targets[:, :2].mean(axis=0), max_distance_m or self.reach_m
         x, y, yaw = self.here
@@ -133,7 +113,7 @@ class _Placing:
         away = atan2(y - middle[1], x - middle[0])
         distances = np.arange(0.3, reach_m + 1e-9, _DISTANCE_STEP_M).tolist()
         order = sorted(distances, key=lambda each: abs(each - 0.6 * reach_m))
-        found: list[tuple[float, tuple[float, float, float], float]] = []
+        found: list[tuple[float, BasePose, float]] = []
         for ring, distance in enumerate(order):
             for number in range(_BEARING_COUNT):
                 bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARING_COUNT
@@ -143,11 +123,11 @@ class _Placing:
                     continue
                 for offset in _HEADINGS_RAD:
                     cost = _DRIVE_WEIGHT * length + _HEADING_WEIGHT * abs(offset)
-                    found.append((cost + 0.02 * ring, (px, py, _wrapped(bearing + pi - self.side + offset)), length))
+                    found.append((cost + 0.02 * ring, (px, py, wrapped(bearing + pi - self.side + offset)), length))
         for _, base, length in sorted(found, key=lambda each: each[0]):
             yield base, length
 
-    def placement(self, base: tuple[float, float, float], drive_m: float) -> BasePlacement | None:
+    def placement(self, base: BasePose, drive_m: float) -> BasePlacement | None:
         """A place with positions for all targets; None if one is not reached, or there is a collision.
 
         Where the arm alone does not reach the first target, as one with few joints, the base is moved a little.
@@ -175,37 +155,35 @@ class _Placing:
                 return None
             found.append(values)
         away = np.where(self.is_limited, 1.0 - np.abs(np.array(found) - self.middle) / self.half, 1.0)
-        heading = abs(_wrapped(base[2] + self.side - self._facing(base)))
+        heading = abs(wrapped(base[2] + self.side - self._facing(base)))
         moving = _MOVE_COST if base != self.here else 0.0
         score = float(away.min()) - moving - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
         positions = tuple(dict(zip(self.arm.joints, values.tolist(), strict=True)) for values in found)
         return BasePlacement(base=base, positions=positions, score=score, drive_m=drive_m)
 
-    def _adjusted(self, base: tuple[float, float, float]) -> tuple[float, float, float] | None:
+    def _adjusted(self, base: BasePose) -> BasePose | None:
         """A place near another one from which the arm reaches the first target."""
         result = self.kinematics.solve_ik(
             self.frame,
             self.targets[0],
             joints=(*self.arm.joints, *BASE_JOINTS),
             seed={**self.positions, **dict(zip(self.arm.joints, self.middle.tolist(), strict=True))},
-            root_pose=self._root_at(base),
+            root_pose=self.base_frame.root_at(base),
             free=self.free,
             attempts=1,
         )
         if not result:
             return None
-        root = np.array(result.root_pose)
-        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
-        near = planar_multiply(at, planar_inverse(self.root_in_base))
+        near = self.base_frame.base_at(np.array(result.root_pose))
         return near if hypot(near[0] - base[0], near[1] - base[1]) < _MAX_ADJUSTMENT_M else None
 
-    def _facing(self, base: tuple[float, float, float]) -> float:
+    def _facing(self, base: BasePose) -> float:
         middle = self.targets[:, :2].mean(axis=0)
         return atan2(middle[1] - base[1], middle[0] - base[0])
 
-    def _reaching(self, target: Array, seed: Mapping[str, float], base: tuple[float, float, float]) -> Array | _Reason:
+    def _reaching(self, target: Array, seed: Mapping[str, float], base: BasePose) -> Array | _Reason:
         """Positions of the arm without collisions for a target, or why there are none."""
-        root = self._root_at(base)
+        root = self.base_frame.root_at(base)
         solutions = self.kinematics.solutions(
             self.frame,
             target,
@@ -232,7 +210,7 @@ class _Placing:
 
 @checked
 def find_base_placements(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     targets: Iterable[PoseLike],
     *,
@@ -288,7 +266,7 @@ def find_base_placements(
 
 
 def reachable_region(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str = "",
     height_m: float = 1.0,
     *,
@@ -321,7 +299,8 @@ def reachable_region(
     now = robot.joint_positions()
     checker = CollisionChecker(robot, joints=used.joints, clearance_m=0.0) if collisions else None
     here = kinematics.pose(frame, now, root_pose=root)
-    low, high = _extent(kinematics, used, root)
+    points = _sampled_points(kinematics, used, {}, root)
+    low, high = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
     shape = [max(1, ceil((b - a) / step_m)) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
     tried: dict[tuple[int, int], Mapping[str, float] | None] = {}
     x, y = ((here[:2] - low) / step_m).tolist()
@@ -354,18 +333,15 @@ def reachable_region(
     return np.column_stack([low + reached * step_m, np.full(len(reached), height_m)])
 
 
-def _extent(kinematics: RobotKinematics, arm: Arm, root: Array) -> tuple[Array, Array]:
-    """The horizontal bounds of the grasp frame in random positions of the arm, lower and upper corner [m]."""
+def _ranges(kinematics: RobotKinematics, arm: Arm) -> tuple[Array, Array]:
+    """The limits of the joints of an arm [m or rad]; a turn for those without."""
     limits = np.array([kinematics.limits(joint) for joint in arm.joints])
-    limits = np.where(np.isfinite(limits), limits, [-pi, pi])
-    rows = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (600, len(limits)))
-    frame = kinematics.frame_of(arm)
-    places = np.array(
-        [kinematics.pose(frame, dict(zip(arm.joints, row, strict=True)), root_pose=root)[:2] for row in rows.tolist()]
-    )
-    return places.min(axis=0) - 0.1, places.max(axis=0) + 0.1
+    low, high = np.where(np.isfinite(limits).all(axis=1)[:, None], limits, [-pi, pi]).T
+    return low, high
 
 
-def _wrapped(angle: float) -> float:
-    """The same angle within -pi and pi."""
-    return (angle + pi) % (2 * pi) - pi
+def _sampled_points(kinematics: RobotKinematics, arm: Arm, now: Mapping[str, float], root: Array) -> Array:
+    """Where the grasp frame is in random positions of the arm, n x 2: x and y [m]."""
+    rows = np.random.default_rng(0).uniform(*_ranges(kinematics, arm), (_SAMPLES, len(arm.joints)))
+    states = ({**now, **dict(zip(arm.joints, row, strict=True))} for row in rows.tolist())
+    return np.array([kinematics.pose(kinematics.frame_of(arm), each, root_pose=root)[:2] for each in states])

@@ -230,6 +230,8 @@ class Delete(Edit, frozen=True):
 class SetPoses(Edit, frozen=True):
     """Moves bodies, at rest, in this order; what is attached to one of them moves along.
 
+    An engine may give a kinematic body, whose poses are set one after the other, the velocity of that motion.
+
     Raises `BodyNotFoundError` for an unknown body, and `PoseUnreachableError` if a joint does not allow a pose, or it
     is not finite; nothing is moved then.
     """

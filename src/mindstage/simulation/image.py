@@ -43,7 +43,7 @@ class SimulationImage:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """What its engine assumes, one sentence each."""
-        return self._unpacked().run_on_engine(
+        return self._unpacked().engine.run(
             lambda engine: engine.assumptions if isinstance(engine, AssumingEngine) else ()
         )
 

@@ -48,19 +48,6 @@ class MoveRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     quaternion: RotationQuaternion
 
 
-class BodyPose(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One of the new poses of `move_all`."""
-
-    position: tuple[_Meters, _Meters, _Meters]
-    quaternion: RotationQuaternion
-
-
-class MoveAllRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Parameters of `move_all`: the new poses of bodies, which are one step of the history."""
-
-    poses: Annotated[dict[BodyId, BodyPose], msgspec.Meta(min_length=1, max_length=10_000)]
-
-
 class SetPhysicsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Parameters of `set_physics`: changes the given properties."""
 
@@ -193,7 +180,6 @@ class EditHandler:
         channel.register("rename", RenameRequest, lambda _, request: edits.set_label(request.id, request.label), EDIT)
         channel.register("move_joint", MoveJointRequest, self._move_joint, EDIT)
         channel.register("attach", AttachRequest, self._attach, EDIT)
-        channel.register("move_all", MoveAllRequest, self._move_all, EDIT)
         channel.register("delete", DeleteRequest, self._delete, EDIT)
         channel.register("dependents", BodiesRequest, self._dependents, READ, queue="details")
         channel.register("copy", BodiesRequest, lambda _, request: self._group(request.ids).text, READ)
@@ -225,12 +211,6 @@ class EditHandler:
         if not any(request.quaternion):
             raise InvalidArgumentError("quaternion", cause="its norm is 0")
         self._simulation.edits.move(request.id, Pose(request.position, request.quaternion))
-
-    def _move_all(self, _: ClientSession, request: MoveAllRequest) -> None:
-        poses = {id: Pose(pose.position, pose.quaternion) for id, pose in request.poses.items()}
-        if not all(any(pose.quaternion) for pose in poses.values()):
-            raise InvalidArgumentError("quaternion", cause="its norm is 0")
-        self._simulation.edits.move_all(poses)
 
     def move_group(
         self,

@@ -227,7 +227,7 @@ class ImaginationGhosts:
         if time.monotonic() < self._due_s:
             return None
         self._due_s = time.monotonic() + _COPIES_INTERVAL_S
-        copies = simulation.imaginations
+        copies = simulation.forks
         self._numbers = {id(copy): self._numbers.get(id(copy), -1) for copy in copies}
         for key, number in self._numbers.items():
             if number < 0:

@@ -18,13 +18,14 @@ import numpy as np
 from mindstage.errors import UnreachableError
 from mindstage.ranges import Fraction, checked
 from mindstage.robots.collisions import Collision, HandChecker
+from mindstage.robots.floor_poses import BasePose
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
-from mindstage.robots.skills.manipulator import BasePose, Manipulator, hands_of
+from mindstage.robots.skills.manipulator import Manipulator, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import (
@@ -54,6 +55,7 @@ _MAX_UP = 0.5
 _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested with the gripper alone."""
 _PER_GROUP, _MAX_GRASPS = 2, 12
+"""Number of grasps of one direction, and of all, that are tried."""
 _APART_M, _REACH_ATTEMPTS = 0.6, 3
 """Distance of the base and attempts of the inverse kinematics for the test whether an arm reaches a grasp at all."""
 _LEAST_PART = 0.15
@@ -174,7 +176,7 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> OpeningReach
         if hand.is_mobile:  # it goes on from where it stands then, with the part where it is then
             path = found.placement.path
             moved = _parts_at(part, surroundings, position)
-            floor = FloorMap(robot, moved=moved, start=hand.base_of(path.roots[found.end_row]))
+            floor = FloorMap(robot, moved=moved, start=hand.base_frame.base_at(path.roots[found.end_row]))
         steps.append(OpeningStep(way=found.way, base=found.placement.base, openness=round(openness(), 3)))
         reason = found.placement.why
     is_reachable = openness() >= _ALL * fraction
@@ -212,8 +214,6 @@ def find_part_motion(
     What was tried without success is tried from other places; each way three times.
 
     Args:
-        hand: the arm.
-        part: the door or drawer.
         surroundings: the things of the world.
         target: the position that its joint is to have [m or rad].
         start: the position from which it is moved; None for the present one.
@@ -391,7 +391,7 @@ class _PartMotionSearch:
                 path[0],
                 joints=(*BASE_JOINTS, *hand.arm.joints),
                 seed=seed,
-                root_pose=hand.root_at((x - _APART_M * cos(yaw), y - _APART_M * sin(yaw), yaw - hand.side)),
+                root_pose=hand.base_frame.root_at((x - _APART_M * cos(yaw), y - _APART_M * sin(yaw), yaw - hand.side)),
                 attempts=_REACH_ATTEMPTS,
             )
             if result:

@@ -16,6 +16,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.robots.skills import skill_specs
 from mindstage.robots.skills.designators import ACTION_TYPES, DesignatedSkill, read_designator
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def read(kitchen: Simulation, type: str, **properties: Any) -> DesignatedSkill:
 JUICE = {"the": "object", "type": "OrangeJuiceCarton"}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("type", "properties", "skill", "args"),
     [
         ("picking-up", {"object": JUICE}, "pick", {"thing": "orange_juice_carton_1"}),
@@ -47,6 +48,7 @@ JUICE = {"the": "object", "type": "OrangeJuiceCarton"}
         ("looking", {"object": JUICE}, "look_at", {"thing": "orange_juice_carton_1"}),
         ("reaching", {"object": JUICE}, "reach", {"thing": "orange_juice_carton_1"}),
         ("pouring", {"object": JUICE, "target": "sink"}, "pour", {"thing": "orange_juice_carton_1", "into": "sink"}),
+        ("pouring", {"source": JUICE, "into": "sink"}, "pour", {"thing": "orange_juice_carton_1", "into": "sink"}),
         (
             "placing",
             {"object": JUICE, "target": {"a": "location", "on": {"the": "object", "name": "table"}}},
@@ -84,6 +86,29 @@ def test_fetching_takes_a_kind_or_a_described_object(kitchen: Simulation) -> Non
         read(kitchen, "fetching", object=elsewhere)
     of_action = {"object": {"an": "object", "type": "Milk"}, "location": {"a": "location", "in": "fridge"}}
     assert read(kitchen, "fetching", **of_action).skill == "pick"
+
+
+@pytest.mark.parametrize(
+    ("type", "key", "holder", "is_found"),
+    [
+        ("OrangeJuiceCarton", "in", "fridge", True),
+        ("OrangeJuiceCarton", "on", "fridge", False),
+        ("OrangeJuiceCarton", "at", "fridge", True),
+        ("JamJar", "on", "table", True),
+        ("JamJar", "inside", "table", False),
+        ("JamJar", "at", "table", True),
+    ],
+)
+def test_what_is_inside_is_not_on_and_what_is_on_is_not_inside(
+    kitchen: Simulation, type: str, key: str, holder: str, is_found: bool
+) -> None:
+    where = {"a": "location", key: {"the": "object", "name": holder}}
+    wanted = {"the": "object", "type": type, "location": where}
+    if is_found:
+        assert read(kitchen, "grasping", object=wanted).skill == "grasp"
+    else:
+        with pytest.raises(NameNotFoundError, match=type):
+            read(kitchen, "grasping", object=wanted)
 
 
 def test_an_indefinite_object_is_the_first_that_fits_and_the_others_are_reported(kitchen: Simulation) -> None:
@@ -127,7 +152,7 @@ def test_all_notations_are_read_alike(kitchen: Simulation) -> None:
         assert read_designator(json.dumps(notation), kitchen) == expected
 
 
-@pytest.mark.parametrize(
+@each_case(
     "pose",
     [
         [1.0, -2.0, pi / 2],
@@ -158,7 +183,7 @@ def test_every_type_has_a_skill_of_the_catalog(kitchen: Simulation) -> None:
     }
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("designator", "cause"),
     [
         ("{", "it is no JSON"),
@@ -176,6 +201,10 @@ def test_every_type_has_a_skill_of_the_catalog(kitchen: Simulation) -> None:
             "it names no object",
         ),
         ({"an": "action", "type": "going", "target": {"a": "location", "pose": [1, "x"]}}, "is no pose"),
+        (
+            {"an": "action", "type": "grasping", "object": {"an": "object", "type": "Milk", "location": 5}},
+            "the location: 5 is no designator",
+        ),
         (["an", "action", "type"], "'type' is no key with a value"),
         (
             {"an": "action", "type": "opening", "object": "fridge", "fraction": 2},
