@@ -159,8 +159,7 @@ def test_the_exported_model_has_the_options_of_the_engine_and_falls_asleep_like_
     engine.apply(Spawn(world))
     engine.step(3.0)
     model, awake = loaded(world), engine.stats().awake
-    options = {name for name in dir(model.opt) if not name.startswith("_") and not callable(getattr(model.opt, name))}
-    for name in options:
+    for name in ("timestep", "integrator", "cone", "impratio", "enableflags", "disableflags", "gravity"):
         np.testing.assert_array_equal(getattr(model.opt, name), getattr(engine.compiled().model.opt, name), name)
     engine.close()
     data = mujoco.MjData(model)

@@ -736,6 +736,20 @@ class PhysicsModelBuilder:
             if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):
                 self.collision_filter.temporary_pairs.add((a, b))
 
+    def separated_pairs(self, poses: Array) -> set[tuple[BodyId, BodyId]]:
+        """The temporarily excluded pairs that are apart now.
+
+        MuJoCo's own distance is not used: it is positive for some boxes that are deep inside each other.
+        """
+        pairs = sorted(self.collision_filter.temporary_pairs)
+        place = {id: number for number, id in enumerate(dict.fromkeys(id for pair in pairs for id in pair))}
+        rows = {id: row for row, id in enumerate(self.registry.ids) if id in place}
+        compiled = [compile_geometry(self.collision_shapes(id)[0]) for id in place]
+        shapes = CollisionShapeBatch.from_compiled(poses[[rows[id] for id in place]], compiled)
+        ends = np.array([[place[id] for id in pair] for pair in pairs], dtype=np.intp)
+        depths = shapes.penetration_depths(ends[:, 0], ends[:, 1], np.zeros(len(pairs)), margin_m=_APART_M)
+        return {pair for pair, depth in zip(pairs, depths.tolist(), strict=True) if depth <= -_APART_M}
+
     def include_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> None:
         """Lets pairs collide again that were apart; appends to `late_notes`."""
         self.collision_filter.excluded_pairs -= set(pairs)
@@ -990,6 +1004,8 @@ class PhysicsModelBuilder:
 
 _RESTING_TOLERANCE = 1e-3
 """A resting body is at most this far from where it was put [m, rad]."""
+_APART_M = 0.001
+"""Pairs that overlapped collide again once they were so far apart [m]."""
 _GROUND_TOLERANCE_M = 0.05
 """The ground stays where it is unless a fixed body that is added is lower by more [m]."""
 _IN_GROUND_M = 0.02

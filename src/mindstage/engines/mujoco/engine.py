@@ -290,13 +290,11 @@ class ModelCache:
 
     def include_separated_pairs(self) -> None:
         """Lets pairs collide that overlapped when they were added, and are apart now."""
-        compiled, pairs = self._compiled, self.builder.collision_filter.temporary_pairs
-        if not pairs or self.stale or compiled is None:
+        if self.stale or self._compiled is None or not self.builder.collision_filter.temporary_pairs:
             return
-        compiled.update_poses()
-        if apart := {pair for pair in pairs if compiled.are_apart(*pair, _APART_M)}:
+        if apart := self.builder.separated_pairs(self.poses()):
             self.builder.include_pairs(apart)
-            compiled.include_pairs(apart)
+            self._compiled.include_pairs(apart)
 
     def check_free_bodies(self) -> None:
         """Makes bodies static that fell far below the place."""
@@ -458,8 +456,6 @@ _DIVIDED_CONTACT_DURATION_S = 0.00035
 _GRAVITY_M_S2 = 9.81
 _MAX_UNCHECKED_STEPS = 50
 """Number of time steps after which falling bodies and pairs that overlapped are checked."""
-_APART_M = 0.001
-"""Pairs that overlapped collide again once they were so far apart [m]."""
 _MAX_BEYOND_LIMIT = 0.05
 """Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-12

@@ -444,18 +444,6 @@ class CompiledModel:
             mujoco.mj_kinematics(self.model, self.data)
             self.poses_outdated = False
 
-    def are_apart(self, a: BodyId, b: BodyId, distance_m: float) -> bool:
-        """Whether the shapes of two bodies are so far apart at least, by the poses in `data` (`update_poses`)."""
-        model, data = self.model, self.data
-        geoms = [np.flatnonzero(self.geom_rows == self.rows[id]) for id in (a, b)]
-        one, other = (each.reshape(-1) for each in np.meshgrid(*geoms))
-        between = np.linalg.norm(data.geom_xpos[one] - data.geom_xpos[other], axis=1)
-        near = between < model.geom_rbound[one] + model.geom_rbound[other] + distance_m
-        return all(
-            mujoco.mj_geomDistance(model, data, first, second, distance_m, None) >= distance_m
-            for first, second in zip(one[near].tolist(), other[near].tolist(), strict=True)
-        )
-
     def include_pairs(self, pairs: Iterable[tuple[BodyId, BodyId]]) -> None:
         """Lets excluded pairs collide, in a copy of the model, since forks share it.
 
