@@ -196,7 +196,9 @@ def test_states_are_saved_and_restored_exactly(engine: Call, simulation: Simulat
     engine("push", id="Drawer", force={"x": -40.0, "y": 0.0, "z": 0.0})
     engine("step", duration_s=0.2)
     assert (simulation.state.poses != before).any()
+    revision = simulation.state.revision
     assert engine("restore_state", handle=handle)["success"]
+    assert simulation.state.revision > revision, "pages and caches read the bodies again"
     assert (simulation.state.poses == before).all()
     assert engine("forget_state", handle=handle)["success"]
     with pytest.raises(ServiceCallError, match="no saved state"):

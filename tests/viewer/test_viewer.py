@@ -57,7 +57,9 @@ def port_taken() -> Iterator[int]:
 def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
     assert viewer.url.startswith("http://127.0.0.1:")
     with urllib.request.urlopen(viewer.url, timeout=30) as page:
-        assert b"<html" in page.read()
+        text = page.read()
+    assert b"<html" in text
+    assert b"<title>Mindstage</title>" in text
 
 
 def test_images_of_textures_are_served_and_unknown_ones_are_not_found(viewer: Viewer) -> None:
