@@ -45,8 +45,8 @@ test-random: .venv/dev.stamp  ## quick packages in random order, with new random
 	HYPOTHESIS_PROFILE=random $(python) -m pytest $(pytest_options) -p randomly --randomly-seed=$$seed \
 		--hypothesis-seed=$$seed $(random_tests)
 
-test-slow: .venv/dev.stamp  ## the tests that `make test` leaves out: advisories about the pinned packages, full lengths
-	@$(python) -m pytest $(pytest_options) -m slow
+test-slow: .venv/dev.stamp  ## what `make test` leaves out: full lengths, more examples, advisories about the pinned packages
+	@HYPOTHESIS_PROFILE=thorough $(python) -m pytest $(pytest_options) -m "slow or hypothesis"
 
 check: .venv/dev.stamp  ## style, types, package structure, and that generated files are up to date
 	@$(python) -m ruff check .

@@ -22,7 +22,7 @@ _FRAMES = 120
 def measure() -> Iterator[Measure]:
     with ms.open("bundled:kitchen") as simulation:
         simulation.step(3.0)
-        engine = simulation.run_on_engine(lambda engine: engine.fork())
+        engine = simulation.engine.run(lambda engine: engine.fork())
         geometry = simulation.geometry
     things = [BodyId(id) for id in ("plate_3", "plate_4", "coffee_mug_4", "fridge_door", "drawer_left_4")]
     yield from _against_engine(

@@ -149,7 +149,7 @@ def _record_circle(path: Path, *, seconds: float) -> None:
     with ms.open("bundled:kitchen", engine="null") as simulation, Recorder(simulation, path, events=False):
         for number in range(round(seconds * _RATE_HZ)):
             pose = Pose((math.cos(number / 15), math.sin(number / 15), 1.0))
-            simulation.run_on_engine(partial(_set_pose, pose=pose))
+            simulation.engine.run(partial(_set_pose, pose=pose))
             simulation.step(1 / _RATE_HZ)
 
 

@@ -44,7 +44,7 @@ def _seconds(function: Callable[[], object]) -> float:
 
 
 def _forks(sim: Simulation) -> Iterator[Measure]:
-    engine = sim.run_on_engine(lambda engine: engine.fork())
+    engine = sim.engine.run(lambda engine: engine.fork())
     engine.fork()
     times = [_seconds(engine.fork) for _ in range(50)]
     yield Measure(what="fork of the bundled kitchen, 254 bodies", ours=1000 * median(times), unit="ms", at_most=1.0)
@@ -92,7 +92,7 @@ def _samples(sim: Simulation) -> Iterator[Measure]:
     image = SimulationImage.capture(sim)
     runner = SampleRunner(Job(image, plan))
     duration_s = runner.run(0).duration_s
-    engine: Any = sim.run_on_engine(lambda engine: engine.fork())
+    engine: Any = sim.engine.run(lambda engine: engine.fork())
     compiled = engine._cache.model()
     body = compiled.body_ids[BodyId("milk_carton_1")]
 

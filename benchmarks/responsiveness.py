@@ -85,7 +85,7 @@ def _kitchens(count: int) -> World:
 
 def _edit(simulation: Simulation) -> None:
     body = simulation.worlds[0].bodies[0]
-    simulation.run_on_engine(lambda engine: engine.apply(SetPhysics(body.id, body.physics)), label="edit", edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPhysics(body.id, body.physics)), label="edit", edits=True)
 
 
 def _longest(what: str, simulation: Simulation, before: Callable[[], None], *, runs: int = RUNS) -> Measure:
@@ -105,7 +105,7 @@ def _longest_edit_s(simulation: Simulation) -> float:
     id, taken_s = simulation.state.ids[0], []
     for _ in range(RUNS):
         start_s = time.perf_counter()
-        simulation.run_on_engine(lambda engine: engine.apply(SetLabel(id, "edited")), label="set label", edits=True)
+        simulation.engine.run(lambda engine: engine.apply(SetLabel(id, "edited")), label="set label", edits=True)
         taken_s.append(time.perf_counter() - start_s)
     return max(taken_s)
 

@@ -53,7 +53,7 @@ class _Watch:
     def look(self) -> None:
         """Reads the contacts and the joints after the last step."""
         held = self.robot.held.values()
-        self.robot.session.run_on_engine(lambda engine: self._read(engine, held))
+        self.robot.session.engine.run(lambda engine: self._read(engine, held))
 
     def _read(self, engine: Engine, held: Collection[BodyId]) -> None:
         own = self.own.union(held)
@@ -189,7 +189,7 @@ def _place_milk(sim: Simulation, robot: Robot, chance: random.Random) -> str:
 
 
 def _set_pose(sim: Simulation, pose: Pose) -> None:
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): pose})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): pose})), edits=True)
 
 
 def main() -> None:

@@ -36,7 +36,7 @@ def main() -> int:
             pull_open(sim, knowledge.world(), arguments.open)
             if arguments.highlight:
                 sim.highlight(arguments.highlight, HIGHLIGHT_COLOR)
-            sim.run_on_engine(
+            sim.engine.run(
                 lambda engine: godot.screenshot(
                     arguments.output, eye=arguments.eye, target=arguments.target,
                     size=(arguments.width, arguments.height), fov_deg=arguments.fov,

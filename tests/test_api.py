@@ -174,7 +174,7 @@ def test_connect_uses_a_served_simulation(map_path: Path) -> None:
             sim.joint("Drawer").close()
         with ms.connect(url) as again:  # the zero of the joint is its spawned position, not the current one
             assert served.joint("Drawer").open()
-            again.run_on_engine(lambda engine: None)
+            again.engine.run(lambda engine: None)
             assert again.joint("Drawer").openness > 0.9
         assert not served.closed
         interface.close()

@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 from mindstage.cli.app import app
 from mindstage.maps import bundled_kitchen, bundled_ontology
 from mindstage.scene.edits import Spawn
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.knowledge.sparql_server import SparqlServer
 
@@ -169,7 +170,7 @@ RECIPES = {
 """The imports that each recipe of the contributor guide leaves out."""
 
 
-@pytest.mark.parametrize("definition", RECIPES)
+@each_case("definition", RECIPES)
 def test_the_python_of_a_recipe_runs(definition: str) -> None:
     (code,) = [code for code in blocks("python", CONTRIBUTING) if definition in code]
     run_python(RECIPES[definition] + code, ROOT)
@@ -236,7 +237,7 @@ def commands() -> list[str]:
     return sorted(line for line in found if not re.search(r"\[[A-Z-]", line))  # a synopsis has options in brackets
 
 
-@pytest.mark.parametrize("line", commands())
+@each_case("line", commands())
 def test_every_command_of_the_documents_parses(line: str) -> None:
     group: Any = typer.main.get_command(app)
     verb, *arguments = shlex.split(line)[1:]
@@ -256,7 +257,7 @@ def test_the_pages_have_at_most_their_lines() -> None:
     assert len(blocks("python")) >= 1
 
 
-@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
+@each_case("path", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_and_pictures_exist(path: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text(encoding="utf-8")):
         if "://" not in target:

@@ -8,9 +8,9 @@ import pkgutil
 from enum import Enum, IntEnum, StrEnum
 
 import msgspec
-import pytest
 
 import mindstage
+from tests.cases import each_case
 
 INTERNAL = {"EpisodeTopic", "ResourceErrorType", "Unbound"}
 """Enumerations without words, which are not part of any interface."""
@@ -28,7 +28,7 @@ def enumerations() -> list[type[Enum]]:
     return sorted(found.values(), key=lambda each: f"{each.__module__}.{each.__qualname__}")
 
 
-@pytest.mark.parametrize("kind", [each for each in enumerations() if each.__name__ not in INTERNAL], ids=str)
+@each_case("kind", [each for each in enumerations() if each.__name__ not in INTERNAL], ids=str)
 def test_a_member_equals_its_value(kind: type[Enum]) -> None:
     assert issubclass(kind, StrEnum | IntEnum)
     for member in kind:

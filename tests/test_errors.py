@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import pickle
 
-import pytest
-
 from mindstage.errors import (
     AmbiguousMapError,
     AmbiguousNameError,
@@ -28,6 +26,7 @@ from mindstage.errors import (
     closest_names,
     suggestion,
 )
+from tests.cases import each_case
 
 MESSAGES: list[tuple[MindstageError, str]] = [
     (BodyNotFoundError("cupp", known=["cup", "pot"], world="kitchen"), "no body 'cupp' in 'kitchen'; near: 'cup'"),
@@ -64,7 +63,7 @@ MESSAGES: list[tuple[MindstageError, str]] = [
     (WorldError("just a text"), "just a text"),
 ]
 
-each_error = pytest.mark.parametrize(("error", "message"), MESSAGES, ids=lambda value: type(value).__name__)
+each_error = each_case(("error", "message"), MESSAGES, ids=lambda value: type(value).__name__)
 
 
 @each_error

@@ -22,6 +22,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import pose_from_array
 from mindstage.simulation.state import poses_in
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 TASKS = {"Open": "Drawer", "Pick": "Mug", "Place": "Mug"}
@@ -74,7 +75,7 @@ IMPORTS = {
 """Statements in a new process, and the id by which the environment is then found."""
 
 
-@pytest.mark.parametrize("order", IMPORTS)
+@each_case("order", IMPORTS)
 def test_an_environment_is_found_by_its_id_in_every_order_of_imports(order: str) -> None:
     statements, id = IMPORTS[order]
     code = (
@@ -193,7 +194,7 @@ def test_resets_put_everything_back(open_env: OpenEnv) -> None:
     body = BodyId("Mug")
     before = poses_in(open_env.simulation.state, {body})[body]
     moved = before + np.eye(7)[2]
-    open_env.simulation.run_on_engine(lambda engine: engine.apply(SetPoses({body: pose_from_array(moved)})))
+    open_env.simulation.engine.run(lambda engine: engine.apply(SetPoses({body: pose_from_array(moved)})))
     open_env.simulation.joint("FridgeHinge").open()
     open_env.step(open_env.action_space.sample())
     open_env.reset(seed=0)
@@ -216,7 +217,7 @@ def test_a_robot_stands_on_free_floor_in_front_of_the_handle(open_env: OpenEnv, 
     assert x < at[0]
     assert np.hypot(at[0] - x, at[1] - y) < 1.6
     assert abs(np.arctan2(at[1] - y, at[0] - x) - yaw) < 0.5
-    contacts = open_env.simulation.run_on_engine(lambda engine: engine.contacts())
+    contacts = open_env.simulation.engine.run(lambda engine: engine.contacts())
     touched = {each.b if each.a in own else each.a for each in contacts if {each.a, each.b} & own}
     assert touched - own <= {"Floor", None}
 

@@ -38,7 +38,7 @@ from mindstage.robots.base_placement import find_base_placements
 from mindstage.robots.collisions import HandChecker
 from mindstage.robots.edits import add_robot
 from mindstage.robots.navigation import FloorMap
-from mindstage.robots.planning import plan_arm, plan_line, plan_path
+from mindstage.robots.planning import plan_arm, plan_path
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.scene import (
@@ -58,6 +58,7 @@ from mindstage.scene import (
 from mindstage.scene.edits import Attach
 from mindstage.scene.transforms import normalized_pose_array
 from mindstage.simulation import Edits, Marker, MarkerType, Simulation
+from tests.cases import each_case
 from tests.engines.scenes import body
 from tests.imagination.scenes import TABLE_HEIGHT_M, on_table
 from tests.robots.rooms import box, robot_in
@@ -90,7 +91,7 @@ WRONG: Mapping[str, Any] = {
 # -- poses -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each_case("form", FORMS)
 def test_numbers_are_a_pose(form: str) -> None:
     assert as_pose(FORMS[form]) == POSE
 
@@ -102,7 +103,7 @@ def test_three_numbers_are_a_position(form: Any) -> None:
     assert {type(each) for each in (*found.position, *found.quaternion)} == {float}
 
 
-@pytest.mark.parametrize("wrong", WRONG)
+@each_case("wrong", WRONG)
 def test_anything_else_is_refused_with_what_is_right(wrong: str) -> None:
     with pytest.raises((PoseRefusedError, NumberRefusedError), match=r"give |must be a number") as refused:
         as_pose(WRONG[wrong], "target")
@@ -141,7 +142,6 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
     "find_base_placements targets": lambda robot, pose: find_base_placements(robot, "", [pose], count=1),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
-    "plan_line target": lambda robot, pose: plan_line(robot, "", pose),
     "plan_path poses": lambda robot, pose: plan_path(robot, "", [pose]),
 }
 """A call of each public function with a pose, by its name and that of the parameter."""
@@ -194,14 +194,14 @@ def test_every_public_function_takes_poses_in_all_forms() -> None:
     assert parameters_of(r"\bPose\b") == RECORDS_ONLY
 
 
-@pytest.mark.parametrize("call", CALLS)
+@each_case("call", CALLS)
 def test_a_pose_may_be_a_tuple_or_an_array(robot: Robot, call: str) -> None:
     expected = repr(CALLS[call](robot, POSE))
     assert repr(CALLS[call](robot, NUMBERS)) == expected
     assert repr(CALLS[call](robot, np.array(NUMBERS))) == expected
 
 
-@pytest.mark.parametrize("call", CALLS)
+@each_case("call", CALLS)
 def test_wrong_numbers_are_refused_with_what_is_right(robot: Robot, call: str) -> None:
     with pytest.raises(PoseRefusedError, match=r"\(1\.0, 2\.0\) is no pose; give x, y, z \[m\], or"):
         CALLS[call](robot, (1.0, 2.0))
@@ -238,7 +238,7 @@ def test_every_record_that_users_make_takes_poses_in_all_forms() -> None:
     assert fields - UNCONVERTED_RECORDS.keys() == set(RECORDS)
 
 
-@pytest.mark.parametrize("record", RECORDS)
+@each_case("record", RECORDS)
 def test_the_pose_of_a_record_may_be_a_tuple_or_an_array(record: str) -> None:
     made = RECORDS[record]
     assert made(NUMBERS) == made(np.array(NUMBERS)) == made(POSE)
@@ -296,7 +296,7 @@ def test_every_public_function_takes_plans_in_all_forms() -> None:
     assert parameters_of(r"\bPlan(File)?\b") == set()
 
 
-@pytest.mark.parametrize("call", PLAN_CALLS)
+@each_case("call", PLAN_CALLS)
 def test_a_plan_may_be_a_dict(call: str) -> None:
     found = []
     for plan in (AS_PLAN, AS_DICT, msgspec.json.encode(AS_PLAN).decode()):
@@ -305,13 +305,13 @@ def test_a_plan_may_be_a_dict(call: str) -> None:
     assert found[0] == found[1] == found[2]
 
 
-@pytest.mark.parametrize("call", PLAN_CALLS)
+@each_case("call", PLAN_CALLS)
 def test_a_dict_that_is_no_plan_is_refused_with_the_place(call: str) -> None:
     with on_table() as sim, pytest.raises(PlanError, match=r"steps\[1\].*\(?1\.0, 2\.0.* is no pose; give x, y, z"):
         PLAN_CALLS[call](sim, WRONG_PLAN)
 
 
-@pytest.mark.parametrize("wrong", [None, 3, [], object(), {"steps": [object()]}, {"steps": 3}, {1: 2}, {"step": []}])
+@each_case("wrong", [None, 3, [], object(), {"steps": [object()]}, {"steps": 3}, {1: 2}, {"step": []}])
 def test_what_is_no_plan_is_refused(wrong: Any) -> None:
     with pytest.raises(PlanError, match=r"^the plan: "):
         load_plan(wrong)

@@ -10,9 +10,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import pytest
-
 import mindstage
+from tests.cases import each_case
 from tests.test_documents import DOCUMENTS, ROOT, blocks
 
 REFERENCE = ROOT / "docs/reference/python"
@@ -80,7 +79,7 @@ def test_the_package_shows_its_names_and_the_packages_of_the_reference() -> None
     assert sorted([*mindstage.__all__, *PACKAGES]) == dir(mindstage)
 
 
-@pytest.mark.parametrize("name", [*PACKAGES, *SUB_PACKAGES])
+@each_case("name", [*PACKAGES, *SUB_PACKAGES])
 def test_a_package_shows_what_is_meant_for_users_and_nothing_else(name: str) -> None:
     package = import_module(f"mindstage.{name}")
     modules = {each for each in dir(package) if isinstance(getattr(package, each), ModuleType)} - set(package.__all__)
@@ -90,7 +89,7 @@ def test_a_package_shows_what_is_meant_for_users_and_nothing_else(name: str) -> 
     assert not [each for each in dir(package) if each.startswith("_")]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
+@each_case("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_documents_and_examples_use_only_names_that_are_shown(path: Path) -> None:
     assert set().union(*map(hidden_names, code_of(path))) == set()
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import KW_ONLY, InitVar, dataclass, fields, is_dataclass
+from dataclasses import InitVar, dataclass, field, fields, is_dataclass
 from difflib import get_close_matches
 from inspect import get_annotations
 from string import Formatter
@@ -73,9 +73,12 @@ def _restore(cls: type[MindstageError], args: tuple[object, ...], state: dict[st
     return error
 
 
-@dataclass_transform(eq_default=False, kw_only_default=False)
+@dataclass_transform(eq_default=False, kw_only_default=True, field_specifiers=(field,))
 class MindstageError(Exception):
-    """Base class of all errors that Mindstage raises."""
+    """Base class of all errors that Mindstage raises.
+
+    Fields are keyword-only, except for those that are declared otherwise.
+    """
 
     template: ClassVar[str] = ""
     """The message, with attribute names in braces. If empty, the message is the argument."""
@@ -85,7 +88,7 @@ class MindstageError(Exception):
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
         if get_annotations(cls):
-            dataclass(eq=False, repr=False)(cls)
+            dataclass(eq=False, repr=False, kw_only=True)(cls)
 
     @property
     def code(self) -> str:
@@ -119,8 +122,9 @@ class MindstageError(Exception):
 
     @property
     def hint(self) -> str:
-        """The end of the message: the similar names in `suggestions`, else the `remedy`, else nothing."""
-        text = _near_names(getattr(self, "suggestions", ())) or getattr(self, "remedy", "")
+        """The end of the message: the similar names in `suggestions`, else the `remedy` or the known names, if any."""
+        known = ", ".join(sorted(getattr(self, "known", ())))
+        text = _near_names(self.suggestions) or getattr(self, "remedy", known and f"there is {known}")
         return f"; {text}" if text else ""
 
 
@@ -135,8 +139,7 @@ class BodyNotFoundError(WorldError):
     """No body in the world has that id."""
 
     template = "no body {body!r}{in_world}{hint}"
-    body: str
-    _: KW_ONLY
+    body: str = field(kw_only=False)
     known: InitVar[Iterable[str]] = ()
     world: str = ""
 
@@ -150,15 +153,14 @@ class BodyExistsError(WorldError):
     """The id of a body to be spawned is in use."""
 
     template = "the id {body!r} is taken; delete that body first, or choose another id"
-    body: str
+    body: str = field(kw_only=False)
 
 
 class PoseUnreachableError(WorldError):
     """The joints and attachments of the body do not allow that pose."""
 
     template = "{body!r} cannot take that pose: {reason}"
-    body: str
-    _: KW_ONLY
+    body: str = field(kw_only=False)
     reason: str
 
 
@@ -166,9 +168,8 @@ class AttachmentError(WorldError):
     """The child cannot be attached to that parent."""
 
     template = "{child!r} cannot be attached to {parent!r}: {reason}"
-    parent: str
-    child: str
-    _: KW_ONLY
+    parent: str = field(kw_only=False)
+    child: str = field(kw_only=False)
     reason: str
 
 
@@ -177,8 +178,7 @@ class UnreachableError(WorldError):
 
     template = "{robot} cannot reach {target}: {reason}"
 
-    robot: str
-    _: KW_ONLY
+    robot: str = field(kw_only=False)
     target: str
     """What was to be reached, in words."""
     reason: str
@@ -193,9 +193,8 @@ class NoFreePlacementError(WorldError):
     """There is no support surface for the object, or no free space on it."""
 
     template = "{item} cannot be placed {location}: {reason}"
-    item: str
-    location: str
-    _: KW_ONLY
+    item: str = field(kw_only=False)
+    location: str = field(kw_only=False)
     reason: str
 
 
@@ -203,8 +202,7 @@ class SpawnRefusedError(WorldError):
     """A body, joint or attachment of a world cannot be spawned, and nothing of that world was."""
 
     template = "{id!r} cannot be spawned: {reason}"
-    id: str
-    _: KW_ONLY
+    id: str = field(kw_only=False)
     reason: str
 
 
@@ -212,7 +210,6 @@ class NothingToUndoError(WorldError):
     """There is no edit to undo or, with `redo`, to redo."""
 
     template = "there is nothing to {action}{because}"
-    _: KW_ONLY
     redo: bool = False
     reason: str = ""
     """Why the history does not begin earlier; empty if nothing was done before."""
@@ -241,7 +238,7 @@ class ResourceRefusedError(WorldError):
     """A text from outside names a file that is not granted; whether it exists is not said."""
 
     template = "{name!r} is not granted: a text from outside names files by relative paths or package://"
-    name: str
+    name: str = field(kw_only=False)
 
 
 class KnowledgeError(MindstageError):
@@ -252,8 +249,7 @@ class SourceParseError(KnowledgeError):
     """A file does not exist, or its content does not follow its format."""
 
     template = "cannot read {place}: {cause}"
-    source: str
-    _: KW_ONLY
+    source: str = field(kw_only=False)
     cause: str
     line: int | None = None
 
@@ -271,17 +267,15 @@ class ReferenceRefusedError(KnowledgeError):
     """A text that came over a port names something that would have to be read for it, such as an import."""
 
     template = "{source} {reference}; what came over a port is read without anything else{hint}"
-    source: str
-    reference: str
+    source: str = field(kw_only=False)
+    reference: str = field(kw_only=False)
     """The verb and what is named, such as `imports file:///a.owl`."""
-    _: KW_ONLY
     remedy: str = ""
 
 
 class MapNotFoundError(KnowledgeError):
     """No semantic map, or none of that name, is among the loaded sources."""
 
-    _: KW_ONLY
     requested: str = ""
     known: Sequence[str] = ()
 
@@ -295,7 +289,7 @@ class MapNotFoundError(KnowledgeError):
 class AmbiguousMapError(KnowledgeError):
     """Several maps are loaded and none was selected."""
 
-    known: Sequence[str]
+    known: Sequence[str] = field(kw_only=False)
 
     def __str__(self) -> str:
         return f"{len(self.known)} maps are loaded ({', '.join(self.known)}); name one of them"
@@ -304,8 +298,7 @@ class AmbiguousMapError(KnowledgeError):
 class MapRejectedError(KnowledgeError):
     """A map has findings, and strict mode allows none."""
 
-    map: str
-    _: KW_ONLY
+    map: str = field(kw_only=False)
     findings: Sequence[str]
 
     def __str__(self) -> str:
@@ -318,8 +311,7 @@ class MapWriteError(KnowledgeError):
     """A world cannot be written to a map file: the format cannot express it, or the file cannot be written."""
 
     template = "cannot write {subject}: {cause}{hint}"
-    subject: str
-    _: KW_ONLY
+    subject: str = field(kw_only=False)
     cause: str
     remedy: str = ""
 
@@ -328,8 +320,7 @@ class NameNotFoundError(KnowledgeError):
     """No entity of that kind has the name."""
 
     template = "no {entity_type} {name!r} is known{hint}"
-    name: str
-    _: KW_ONLY
+    name: str = field(kw_only=False)
     entity_type: str
     known: InitVar[Iterable[str]] = ()
 
@@ -340,8 +331,7 @@ class NameNotFoundError(KnowledgeError):
 class AmbiguousNameError(KnowledgeError):
     """Several entities have the name, or are instances of the class that was named instead of its only instance."""
 
-    name: str
-    _: KW_ONLY
+    name: str = field(kw_only=False)
     entity_type: str
     candidates: Sequence[str]
 
@@ -356,8 +346,7 @@ class QuestionNotFoundError(KnowledgeError):
     """No question has that name."""
 
     template = "no question {question!r}{hint}"
-    question: str
-    _: KW_ONLY
+    question: str = field(kw_only=False)
     known: Iterable[str]
 
     @property
@@ -369,8 +358,7 @@ class QuestionNotFoundError(KnowledgeError):
 class SentenceNotUnderstoodError(KnowledgeError):
     """A plain sentence asks no declared question, or contains a name that is unknown."""
 
-    sentence: str
-    _: KW_ONLY
+    sentence: str = field(kw_only=False)
     unknown: Sequence[str] = ()
     """The words that are neither a name nor part of a question."""
     cause: str = ""
@@ -391,8 +379,7 @@ class SentenceNotUnderstoodError(KnowledgeError):
 class AmbiguousSentenceError(KnowledgeError):
     """A plain sentence can be understood in several ways."""
 
-    sentence: str
-    _: KW_ONLY
+    sentence: str = field(kw_only=False)
     candidates: Sequence[str]
     """What it may mean, each as a question with its arguments."""
 
@@ -406,8 +393,7 @@ class QuestionTimeoutError(KnowledgeError):
     """A question was not answered before its timeout; the simulation continues."""
 
     template = "{question} was not answered within {timeout_s:g} s; narrow its arguments, or try again later"
-    question: str
-    _: KW_ONLY
+    question: str = field(kw_only=False)
     timeout_s: float
 
 
@@ -415,8 +401,7 @@ class QueryLimitError(KnowledgeError):
     """The limit of concurrent questions is reached."""
 
     template = "{question} was not answered: {pending} other questions are being answered; try again in a moment"
-    question: str
-    _: KW_ONLY
+    question: str = field(kw_only=False)
     pending: int
 
 
@@ -424,15 +409,14 @@ class QuestionProcessError(KnowledgeError):
     """The process that answered a question has ended, for example since it needed too much memory."""
 
     template = "{question} was not answered: the process that answered it has ended; another one was started, ask again"
-    question: str
+    question: str = field(kw_only=False)
 
 
 class InvalidArgumentError(KnowledgeError):
     """A function or question has no such argument or does not accept that value, or an assertion is not valid."""
 
     template = "{subject}: {cause}{hint}"
-    subject: str
-    _: KW_ONLY
+    subject: str = field(kw_only=False)
     cause: str
     remedy: str = ""
 
@@ -449,8 +433,7 @@ class SparqlSyntaxError(KnowledgeError):
     """The text is not a SPARQL 1.1 query, or uses what is not supported, such as SERVICE."""
 
     template = "the query cannot be answered: {cause}{hint}"
-    cause: str
-    _: KW_ONLY
+    cause: str = field(kw_only=False)
     remedy: str = ""
 
 
@@ -458,7 +441,6 @@ class SparqlTimeoutError(KnowledgeError):
     """A SPARQL query did not finish before its timeout."""
 
     template = "the query did not end within {timeout_s:g} s; limit the result (LIMIT), or increase the timeout"
-    _: KW_ONLY
     timeout_s: float
 
 
@@ -466,7 +448,6 @@ class ReasonerUnavailableError(KnowledgeError):
     """The OWL 2 RL reasoner is not installed."""
 
     template = "the closure cannot be derived: {cause}; install it with: pip install 'mindstage[closure]'"
-    _: KW_ONLY
     cause: str
 
 
@@ -474,8 +455,7 @@ class StoreError(KnowledgeError):
     """A store folder has another content or format, or is locked by another process."""
 
     template = "the store {folder} cannot be used: {cause}{hint}"
-    folder: str
-    _: KW_ONLY
+    folder: str = field(kw_only=False)
     cause: str
     remedy: str = ""
 
@@ -484,8 +464,7 @@ class EndpointUnreachableError(KnowledgeError):
     """A SPARQL endpoint does not respond, or not in time."""
 
     template = "the endpoint {endpoint} does not answer: {cause}; check the address, and that the server is running"
-    endpoint: str
-    _: KW_ONLY
+    endpoint: str = field(kw_only=False)
     cause: str
 
 
@@ -493,8 +472,7 @@ class EndpointError(KnowledgeError):
     """A SPARQL endpoint returned an error, or a reply that is not a SPARQL result."""
 
     template = "the endpoint {endpoint} returned an error: {cause}{hint}"
-    endpoint: str
-    _: KW_ONLY
+    endpoint: str = field(kw_only=False)
     cause: str
     remedy: str = ""
     status: int | None = None
@@ -505,36 +483,23 @@ class ShapeNotFoundError(KnowledgeError):
     """No shape has that name."""
 
     template = "no shape {shape!r}{hint}"
-    shape: str
-    _: KW_ONLY
+    shape: str = field(kw_only=False)
     known: Iterable[str] = ()
-
-    @property
-    def remedy(self) -> str:
-        """The end of the message where no name is similar."""
-        return f"there is {', '.join(sorted(self.known))}"
 
 
 class TextureNotFoundError(KnowledgeError):
     """No texture has that name."""
 
     template = "no texture {texture!r}{hint}"
-    texture: str
-    _: KW_ONLY
+    texture: str = field(kw_only=False)
     known: Iterable[str] = ()
-
-    @property
-    def remedy(self) -> str:
-        """The end of the message where no name is similar."""
-        return f"there is {', '.join(sorted(self.known))}"
 
 
 class InvalidShapeError(KnowledgeError):
     """A shape cannot be built: a size or a parameter is invalid."""
 
     template = "the shape {shape!r} cannot be made: {reason}"
-    shape: str
-    _: KW_ONLY
+    shape: str = field(kw_only=False)
     reason: str
 
 
@@ -549,8 +514,7 @@ class EngineUnavailableError(EngineError):
     """The engine is not installed or cannot be reached."""
 
     template = "the engine {engine!r} is not available: {cause}{hint}"
-    engine: str
-    _: KW_ONLY
+    engine: str = field(kw_only=False)
     cause: str
     remedy: str = ""
 
@@ -562,8 +526,7 @@ class EngineTimeoutError(EngineError):
         "the engine {engine!r} did not answer {call} within {timeout_s:g} s; "
         "it may have been executed all the same: check the poses, or increase the timeout"
     )
-    engine: str
-    _: KW_ONLY
+    engine: str = field(kw_only=False)
     call: str
     timeout_s: float
 
@@ -572,8 +535,7 @@ class UnsupportedByEngineError(EngineError):
     """The engine does not have the capability."""
 
     template = "the engine {engine!r} cannot {what}{hint}"
-    engine: str
-    _: KW_ONLY
+    engine: str = field(kw_only=False)
     what: str
     remedy: str = ""
 
@@ -582,7 +544,7 @@ class EngineClosedError(EngineError):
     """The engine was called after `close`."""
 
     template = "the engine {engine!r} is closed; make a new one"
-    engine: str
+    engine: str = field(kw_only=False)
 
 
 class EngineMemoryError(EngineError):
@@ -591,7 +553,6 @@ class EngineMemoryError(EngineError):
     template = (
         "{what} need {needed_mb:,.1f} MB, more than the {cap_mb:,.1f} MB that the engine may have; simulate fewer"
     )
-    _: KW_ONLY
     what: str
     needed_mb: float
     """What is needed at least [MB]."""
@@ -603,7 +564,6 @@ class SimulationDivergedError(EngineError):
     """The simulation diverged: positions, velocities or accelerations are not finite."""
 
     template = "the simulation became unstable at {time_s:.3f} s: {what}"
-    _: KW_ONLY
     time_s: float
     what: str
 
@@ -617,9 +577,8 @@ class PlanError(ImaginationError):
 
     template = "{place}: {cause}"
 
-    place: str
+    place: str = field(kw_only=False)
     """Where: the file, with its line, or the step."""
-    _: KW_ONLY
     cause: str
 
 
@@ -628,7 +587,6 @@ class CommitError(ImaginationError):
 
     template = "the edits cannot be made in the original: {reason}"
 
-    _: KW_ONLY
     reason: str
 
 
@@ -641,8 +599,7 @@ class EpisodeFileError(EpisodeError):
 
     template = "{path}: {cause}{hint}"
 
-    path: str
-    _: KW_ONLY
+    path: str = field(kw_only=False)
     cause: str
     remedy: str = ""
 
@@ -652,8 +609,7 @@ class EpisodeTimeError(EpisodeError):
 
     template = "{episode} has no state at {time_s:g} s; it lasts from {begin_s:g} to {end_s:g} s"
 
-    episode: str
-    _: KW_ONLY
+    episode: str = field(kw_only=False)
     time_s: float
     begin_s: float
     end_s: float
@@ -668,9 +624,8 @@ class RobotModelError(RobotError):
 
     template = "{source}: {cause}; {remedy}"
 
-    source: str
+    source: str = field(kw_only=False)
     """The file, with its line or element if that is known."""
-    _: KW_ONLY
     cause: str
     remedy: str
 
@@ -680,8 +635,7 @@ class RobotNotFoundError(RobotError):
 
     template = "no robot {name!r}; {remedy}"
 
-    name: str
-    _: KW_ONLY
+    name: str = field(kw_only=False)
     remedy: str
     """What exists, or how a model is installed."""
 
@@ -691,8 +645,8 @@ class RobotLibraryError(RobotError):
 
     template = "{library} is not installed; install it with: pip install 'mindstage[{extra}]'"
 
-    library: str
-    extra: str = "robots"
+    library: str = field(kw_only=False)
+    extra: str = field(default="robots", kw_only=False)
 
 
 class CommandRefusedError(RobotError):
@@ -700,8 +654,7 @@ class CommandRefusedError(RobotError):
 
     template = "{robot} refuses {command}: {cause}; {remedy}"
 
-    robot: str
-    _: KW_ONLY
+    robot: str = field(kw_only=False)
     command: str
     """The command in words, such as the name of a joint and its position."""
     cause: str
@@ -713,8 +666,7 @@ class SkillFailedError(RobotError):
 
     template = "{robot}: {reason}; {suggestion}"
 
-    robot: str
-    _: KW_ONLY
+    robot: str = field(kw_only=False)
     reason: str
     suggestion: str
     """What to try."""
@@ -733,8 +685,7 @@ class SimulationTimeoutError(SimulationError):
     """
 
     template = "{call} did not finish within {timeout_s:g} s{outcome}; the simulation {activity}"
-    call: str
-    _: KW_ONLY
+    call: str = field(kw_only=False)
     timeout_s: float
     begun: bool = False
     busy_with: str = ""
@@ -763,9 +714,8 @@ class SimulationFaultError(SimulationError):
     """
 
     template = "{source} raised {cause}; {remedy}"
-    source: str
+    source: str = field(kw_only=False)
     """What raised, such as "the controller 'arm'"."""
-    _: KW_ONLY
     cause: str
     remedy: str
     """What was done about it: a controller or an observer that raised was removed."""
@@ -775,7 +725,7 @@ class SimulationThreadError(SimulationError):
     """The thread that owns the engine has ended, so that no call can be executed anymore."""
 
     template = "{call} was not executed: the thread of the simulation has ended; make a new simulation"
-    call: str
+    call: str = field(kw_only=False)
 
 
 # -- bridge ------------------------------------------------------------------------------------------------------------
@@ -789,9 +739,8 @@ class BridgeUnavailableError(BridgeError):
     """The rosbridge server cannot listen at that address."""
 
     template = "the bridge cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
-    host: str
-    port: int
-    _: KW_ONLY
+    host: str = field(kw_only=False)
+    port: int = field(kw_only=False)
     cause: str
 
 
@@ -799,8 +748,7 @@ class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 
     template = "no access to {address}: {cause}"
-    address: str
-    _: KW_ONLY
+    address: str = field(kw_only=False)
     cause: str
 
 
@@ -808,8 +756,7 @@ class CertificateError(BridgeError):
     """A file with a certificate, a private key or authorities for TLS cannot be used."""
 
     template = "the TLS file {path} cannot be used: {cause}; {remedy}"
-    path: str
-    _: KW_ONLY
+    path: str = field(kw_only=False)
     cause: str
     remedy: str
 
@@ -818,8 +765,7 @@ class ConnectionLostError(BridgeError):
     """No connection, or a closed one; a pending request may or may not have been executed."""
 
     template = "no connection to {address}: {cause}"
-    address: str
-    _: KW_ONLY
+    address: str = field(kw_only=False)
     cause: str
 
 
@@ -827,8 +773,7 @@ class ServiceNotFoundError(BridgeError):
     """No service or action of that name is advertised."""
 
     template = "Service {service} does not exist{hint}"  # rosbridge's wording, which its clients match
-    service: str
-    _: KW_ONLY
+    service: str = field(kw_only=False)
     known: InitVar[Iterable[str]] = ()
 
 
@@ -838,8 +783,7 @@ class ServiceTimeoutError(BridgeError):
     template = (
         "{service} did not answer within {timeout_s:g} s; increase the timeout, or check that its server is running"
     )
-    service: str
-    _: KW_ONLY
+    service: str = field(kw_only=False)
     timeout_s: float
 
 
@@ -847,8 +791,7 @@ class ServiceCallError(BridgeError):
     """A service or an action failed for a reason other than the state of the world."""
 
     template = "{service} failed: {cause}"
-    service: str
-    _: KW_ONLY
+    service: str = field(kw_only=False)
     cause: str
 
 
@@ -856,8 +799,7 @@ class FailureResponseError(BridgeError):
     """A service failed, and its type can express that; the handler of a service raises it."""
 
     template = "{cause}"
-    cause: str
-    _: KW_ONLY
+    cause: str = field(kw_only=False)
     response: object
     """The response message, for callers at a rosbridge that only transmits messages of the type."""
 
@@ -866,8 +808,7 @@ class AdvertiseError(BridgeError):
     """A service, action or topic cannot be advertised under that name."""
 
     template = "{name!r} cannot be advertised: {cause}"
-    name: str
-    _: KW_ONLY
+    name: str = field(kw_only=False)
     cause: str
 
 
@@ -875,8 +816,7 @@ class MessageValidationError(BridgeError):
     """A message does not match its type."""
 
     template = "{subject}: {at_path}{cause}{hint}"
-    subject: str
-    _: KW_ONLY
+    subject: str = field(kw_only=False)
     path: str = ""
     """The place in the message, such as `models[3].pose.position.x`."""
     cause: str
@@ -896,8 +836,7 @@ class TypeNotFoundError(BridgeError):
     """No message, service or action type has that name."""
 
     template = "no {interface_type} type {name!r} is known{hint}"
-    name: str
-    _: KW_ONLY
+    name: str = field(kw_only=False)
     interface_type: str
     known: InitVar[Iterable[str]] = ()
 
@@ -909,8 +848,7 @@ class InvalidColorError(MindstageError):
     """Neither a color name nor a color value."""
 
     template = "no color {color!r}{hint}"
-    color: str
-    _: KW_ONLY
+    color: str = field(kw_only=False)
     known: Iterable[str]
 
     @property
@@ -927,8 +865,7 @@ class PrologUnavailableError(PrologError):
     """SWI-Prolog or pyswip is not installed, or already in use."""
 
     template = "Prolog is not available: {cause}{hint}"
-    cause: str
-    _: KW_ONLY
+    cause: str = field(kw_only=False)
     remedy: str = (
         "it takes SWI-Prolog 9 (Debian: apt-get install swi-prolog-nox) and the extra: pip install 'mindstage[prolog]'"
     )
@@ -938,8 +875,7 @@ class PrologGoalError(PrologError):
     """A goal has a syntax error or threw an exception; the kind is a Mindstage error class, or `prolog`."""
 
     template = "the goal {goal!r} cannot be answered: {cause}"
-    goal: str
-    _: KW_ONLY
+    goal: str = field(kw_only=False)
     error_type: str
     cause: str
 
@@ -948,8 +884,7 @@ class PrologTimeoutError(PrologError):
     """A goal did not finish in time."""
 
     template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or limit the goal"
-    goal: str
-    _: KW_ONLY
+    goal: str = field(kw_only=False)
     timeout_s: float
 
 
@@ -957,9 +892,8 @@ class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 
     template = "the page cannot be served at {host}, port {port}: {cause}; try 127.0.0.1 or another port"
-    host: str
-    port: int
-    _: KW_ONLY
+    host: str = field(kw_only=False)
+    port: int = field(kw_only=False)
     cause: str
 
 
@@ -967,8 +901,7 @@ class RendererUnavailableError(MindstageError):
     """A library that a renderer of pictures needs is not installed, or does not work here."""
 
     template = "pictures cannot be rendered with {renderer}: {cause}{hint}"
-    renderer: str
-    _: KW_ONLY
+    renderer: str = field(kw_only=False)
     cause: str
     remedy: str = ""
 
@@ -977,8 +910,7 @@ class CacheError(MindstageError):
     """The cache directory cannot be written."""
 
     template = "the cache {folder} cannot be written: {cause}; free space, or set MINDSTAGE_CACHE to another folder"
-    folder: str
-    _: KW_ONLY
+    folder: str = field(kw_only=False)
     cause: str
 
 
@@ -986,8 +918,7 @@ class ExtensionError(MindstageError):
     """What a package adds by an entry point cannot be loaded."""
 
     template = "{name}, an entry point {group} of {package}, cannot be loaded: {cause}"
-    name: str
-    _: KW_ONLY
+    name: str = field(kw_only=False)
     group: str
     package: str
     cause: str
@@ -997,8 +928,7 @@ class RequestLimitError(MindstageError):
     """A request of a client is too large, or one too many."""
 
     template = "{subject}: {cause}"
-    subject: str
-    _: KW_ONLY
+    subject: str = field(kw_only=False)
     cause: str
 
 
@@ -1007,8 +937,7 @@ class InvalidRequestError(MindstageError):
 
     template = "{subject} is not a valid request: {cause}{hint}"
     remedy: ClassVar[str] = "reload the page"
-    subject: str
-    _: KW_ONLY
+    subject: str = field(kw_only=False)
     cause: str
     known: InitVar[Iterable[str]] = ()
 

@@ -327,9 +327,9 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
             if changed:
                 self.simulation.step(_SETTLE_S)
                 self._stands.pop(thing, None)  # the thing is elsewhere now
-            self._starts[thing] = self.simulation.run_on_engine(lambda engine: engine.save_state()) if changed else None
+            self._starts[thing] = self.simulation.engine.run(lambda engine: engine.save_state()) if changed else None
         elif (state := self._starts[thing]) is not None:
-            self.simulation.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
+            self.simulation.engine.run(lambda engine: engine.restore_state(state), edits=True)
 
     def _command(self, action: dict[str, float]) -> None:
         """Commands joints, grippers and base.

@@ -253,10 +253,10 @@ def ranges_of(declared: Any) -> dict[str, tuple[Range, Callable[[object], bool]]
         annotations = [
             (each.name, each.annotation, declared.__globals__) for each in signature(declared).parameters.values()
         ]
-    found = {}
+    found: dict[str, tuple[Range, Callable[[object], bool]]] = {}
     for name, annotation, names in annotations:
         if (range := range_of(annotation, names)) is not None:
-            found[name] = range, _allows_others(annotation)
+            found[name] = range, _is_other if _OTHER_TYPES.search(str(annotation)) else lambda _: False
     return found
 
 
@@ -295,16 +295,8 @@ def _range_in(type: Any) -> Range | None:
 
 
 _OTHER_TYPES = re.compile(r"\b(str|dict|Executor|UnsetType)\b")
-
-
-def _allows_others(annotation: object) -> Callable[[object], bool]:
-    """Whether a value that is no number is of another type that the annotation names."""
-    return _is_other if _OTHER_TYPES.search(str(annotation)) else _is_never
+"""The types beside numbers that annotations name, of which a value need not be checked."""
 
 
 def _is_other(value: object) -> bool:
     return not isinstance(value, Real | Mapping | list | tuple)
-
-
-def _is_never(_: object) -> bool:
-    return False

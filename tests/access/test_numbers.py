@@ -16,6 +16,7 @@ from mindstage.access.policies import EntryKind
 from mindstage.msgs.schema.base import fields_of
 from tests.access.conftest import TOKEN, Served
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
+from tests.cases import each_case
 from tests.viewer.page_client import connect_page_client
 
 NOT_FINITE = ("NaN", "Infinity", "-Infinity", "1e400", "1" + "0" * 400, "1" + "0" * 5000)
@@ -130,7 +131,7 @@ def types_in(type: msgspec.inspect.Type) -> Iterator[msgspec.inspect.Type]:
             yield from types_in(each)
 
 
-@pytest.mark.parametrize("number", NOT_FINITE, ids=lambda number: number[:9] + str(len(number)))
+@each_case("number", NOT_FINITE, ids=lambda number: number[:9] + str(len(number)))
 def test_every_number_of_every_request_of_the_page_is_refused_if_it_is_not_finite(served: Served, number: str) -> None:
     tried = 0
     for viewer in (served.viewer, served.replay):

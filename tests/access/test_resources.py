@@ -25,6 +25,7 @@ from mindstage.ros import RosInterface
 from mindstage.scene import BodyId, GeometrySource, World
 from mindstage.viewer import Viewer
 from tests.bridge.raw_client import TIMEOUT_S
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 
@@ -60,14 +61,14 @@ REFUSED = [
 GRANTED = ["part.stl", "meshes/part.stl", "package://pkg/meshes/part.stl", "/Game/Models/SM_Cup", "ä b.stl", ""]
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@each_case("name", REFUSED)
 def test_a_text_from_outside_does_not_name_it(name: str) -> None:
     with from_outside(), pytest.raises(ResourceRefusedError, match="is not granted"):
         require_granted([name])
     require_granted([name])  # the command line and Python may
 
 
-@pytest.mark.parametrize("name", GRANTED)
+@each_case("name", GRANTED)
 def test_a_text_from_outside_may_name_it(name: str) -> None:
     with from_outside():
         require_granted([name, None])
@@ -193,7 +194,7 @@ def outside_names(place: Place) -> dict[str, str]:
     }
 
 
-@pytest.mark.parametrize("spawn", SERVICES, ids=lambda spawn: spawn.__name__)
+@each_case("spawn", SERVICES, ids=lambda spawn: spawn.__name__)
 def test_ros_clients_read_no_mesh_that_is_not_granted(
     spawn: Callable[..., str], call: Callable[..., Any], simulation: Simulation, place: Place
 ) -> None:

@@ -16,6 +16,7 @@ from mindstage.access.limits import VISITORS, VisitorLimits
 from mindstage.access.visitors import TokenBucket, VisitorRegistry
 from mindstage.bridge import LocalNode, RosbridgeServer
 from tests.bridge.raw_client import TIMEOUT_S, RawClient
+from tests.cases import each_case
 
 HERE, THERE = ("127.0.0.1", 4000), ("192.0.2.7", 4000)
 
@@ -76,7 +77,7 @@ def test_large_messages_are_limited_by_their_bytes() -> None:
     assert delay(3000, 0.0) == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("one", "other", "same"),
     [
         ("192.0.2.7", "192.0.2.7", True),

@@ -49,6 +49,7 @@ from mindstage.errors import (
 from mindstage.msgs import decode, encode, mindstage_msgs
 from mindstage.ros.engine_services import spawn_report
 from mindstage.scene import BodyPhysics, Iri, Literal, Material, Mobility, PropertyAssertion, World
+from tests.cases import each_case
 from tests.kitchenette import KNOWROB, kitchenette
 from tests.worlds import materials, physics, worlds
 
@@ -68,7 +69,7 @@ def test_the_format_version_is_always_written() -> None:
     assert part["iri"] == kitchenette().iri
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "cause"),
     [
         ("", "it is not JSON"),
@@ -184,7 +185,7 @@ WORLD_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize("error", WORLD_ERRORS, ids=str)
+@each_case("error", WORLD_ERRORS, ids=str)
 def test_a_world_error_survives_a_round_trip(error: WorldError) -> None:
     message = error_to_message(error)
     sent = decode(mindstage_msgs.Refusal, json.loads(json.dumps(encode(message))), strict=True)
@@ -210,7 +211,7 @@ def test_every_world_error_can_be_converted() -> None:
     assert kinds - {WorldError} == {type(error) for error in [*WORLD_ERRORS, *SIMULATION_ERRORS]}
 
 
-@pytest.mark.parametrize("error", SIMULATION_ERRORS, ids=str)
+@each_case("error", SIMULATION_ERRORS, ids=str)
 def test_a_world_error_of_the_simulation_keeps_its_message(error: WorldError) -> None:
     back = message_to_error(error_to_message(error))
     assert type(back) is WorldError
@@ -233,7 +234,7 @@ ENGINE_ERRORS = [
 ]
 
 
-@pytest.mark.parametrize("error", ENGINE_ERRORS, ids=str)
+@each_case("error", ENGINE_ERRORS, ids=str)
 def test_an_engine_error_survives_a_round_trip(error: EngineError) -> None:
     text = error_text(error)
     assert text.splitlines()[0] == str(error)
@@ -247,7 +248,7 @@ def test_every_engine_error_can_be_converted() -> None:
     assert kinds - {EngineError} == {type(error) for error in ENGINE_ERRORS}
 
 
-@pytest.mark.parametrize(
+@each_case(
     "text",
     [
         "out of order",

@@ -32,6 +32,7 @@ from mindstage.scene import (
     SupportSurface,
     VisualMesh,
 )
+from tests.cases import each_case
 from tests.msgs.golden import cases
 
 KEY = "0123456789abcdef"
@@ -103,7 +104,7 @@ def test_no_geometries_are_an_empty_text() -> None:
     assert geometry_from_json("") == {}
 
 
-@pytest.mark.parametrize("key", ["", "short", "../../etc/passwd", "0123456789ABCDEF", "0" * 65, "0123456789abcde/"])
+@each_case("key", ["", "short", "../../etc/passwd", "0123456789ABCDEF", "0" * 65, "0123456789abcde/"])
 def test_only_a_digest_is_a_mesh_name(key: str) -> None:
     assert mesh_name(key) == ""
 
@@ -111,7 +112,7 @@ def test_only_a_digest_is_a_mesh_name(key: str) -> None:
 BOX = {"size": [1.0, 1.0, 1.0]}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changes", "path"),
     [
         ({"mesh": "../secret.glb"}, f"geometries.{KEY}.mesh"),
@@ -169,7 +170,7 @@ def test_a_model_delta_leaves_out_defaults() -> None:
 
 
 def test_golden_geometries_and_model_deltas_are_read_and_written() -> None:
-    fields = {case.values[0]["name"]: case.values[0]["json"] for case in cases()}
+    fields = {case["name"]: case["json"] for case in cases()}
     golden = fields["a world with geometries and a plan"]
     assert geometry_from_json(golden["geometries"])[BodyId("drawer")].shape_name == "drawer"
     for text in (golden["plan"], fields["a handle on a drawer, as it was decided"]["plan"]):

@@ -55,6 +55,7 @@ from mindstage.scene import (
 from mindstage.scene.colors import COLORS
 from mindstage.scene.transforms import pose_array
 from tests.bridge.conversion_cases import ASYMMETRIC, MUG, transmittable_part
+from tests.cases import each_case
 from tests.kitchenette import KNOWROB, MAP
 from tests.worlds import bodies, poses
 
@@ -125,7 +126,7 @@ def test_tags_of_a_body_are_not_confused_with_generated_tags() -> None:
     assert body_from_message(model_message(body), namespace=MAP)[0] == body
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("mesh", "name", "path"),
     [
         (None, "Cup", ""),

@@ -30,6 +30,7 @@ from mindstage.bridge.protocol import (
     split_fragments,
 )
 from mindstage.errors import MessageValidationError
+from tests.cases import each_case
 
 
 def fragment_buffer(**limits: Any) -> FragmentBuffer:
@@ -62,7 +63,7 @@ def test_fragments_become_larger_to_limit_their_number() -> None:
     assert split_fragments("", 5, max_fragments=10) == [""]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("limits", "parts", "match"),
     [
         ({"fragments": 5}, [(0, 6, "a")], "it has 6 fragments; at most 5"),
@@ -134,8 +135,8 @@ def test_pillow_reads_the_images() -> None:
     assert image.tobytes().decode().rstrip("\n") == text
 
 
-@pytest.mark.parametrize(("mode", "channels"), [("L", 1), ("RGB", 3), ("RGBA", 4)])
-@pytest.mark.parametrize("filter", range(5))
+@each_case(("mode", "channels"), [("L", 1), ("RGB", 3), ("RGBA", 4)])
+@each_case("filter", range(5))
 def test_images_of_other_encoders_are_read(mode: str, channels: int, filter: int) -> None:
     text = "".join(random.Random(filter).choices('{"abc",é:[0123]}', k=5000)).encode()
     data = text if channels < 4 else b"".join(text[i : i + 3].ljust(3, b"\n") + b"\xff" for i in range(0, len(text), 3))
@@ -176,7 +177,7 @@ def filtered(pixels: bytes, row: int, step: int, kind: int) -> bytes:
     return bytes(out)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("image", "match"),
     [
         (b"", "not a PNG"),
@@ -259,7 +260,7 @@ def test_numbers_are_typed_arrays() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("tag", "kind"),
     [(65, ">H"), (66, ">I"), (67, ">Q"), (69, "<H"), (70, "<I"), (71, "<Q"), (72, "<b"), (73, ">h"), (74, ">i"),
      (75, ">q"), (77, "<h"), (78, "<i"), (79, "<q"), (80, ">e"), (81, ">f"), (82, ">d"), (84, "<e"), (85, "<f"),
@@ -276,7 +277,7 @@ def test_bytes_become_base64_as_in_rosbridge() -> None:
     assert read_cbor(data, depth=8) == b'{"a":"AAE=","b":"AAE=","c":null}'
 
 
-@pytest.mark.parametrize(
+@each_case(
     "data",
     [
         b"",

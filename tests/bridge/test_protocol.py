@@ -11,6 +11,7 @@ from mindstage.access.limits import BridgeLimits
 from mindstage.bridge import protocol
 from mindstage.bridge.protocol import Compression, MessageDecoder, MessageEncoder, Operation, StatusLevel
 from mindstage.errors import MessageValidationError
+from tests.cases import each_case
 
 Raw = msgspec.Raw
 
@@ -80,7 +81,7 @@ def contents(operation: Operation | None) -> object:
     return msgspec.json.decode(msgspec.json.encode(operation))
 
 
-@pytest.mark.parametrize(("text", "operation"), GOLDEN, ids=lambda value: value[:30] if isinstance(value, str) else "")
+@each_case(("text", "operation"), GOLDEN, ids=lambda value: value[:30] if isinstance(value, str) else "")
 def test_each_operation_is_decoded_and_encoded(text: str, operation: Operation) -> None:
     assert type(reader().decode(text, 0.0)) is type(operation)
     assert contents(reader().decode(text, 0.0)) == contents(operation)
@@ -93,7 +94,7 @@ def test_every_operation_has_a_golden_text() -> None:
     assert {type(operation) for _, operation in GOLDEN} == set(Operation.__args__) - wrappings  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(("frame", "what", "path", "cause"), REFUSED)
+@each_case(("frame", "what", "path", "cause"), REFUSED)
 def test_errors_name_the_operation_and_the_path(frame: str | bytes, what: str, path: str, cause: str) -> None:
     with pytest.raises(MessageValidationError) as refused:
         reader().decode(frame, 0.0)

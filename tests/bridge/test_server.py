@@ -17,6 +17,7 @@ from mindstage.access.visitors import is_loopback
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.errors import AuthenticationError, BridgeUnavailableError
 from tests.bridge.raw_client import TIMEOUT_S, RawClient, eventually, raw_subscriber
+from tests.cases import each_case
 
 RawClientFactory = Callable[..., RawClient]
 
@@ -37,12 +38,12 @@ def test_other_hosts_require_a_token(local_node: LocalNode) -> None:
     RosbridgeServer(local_node, host="0.0.0.0", token="secret")
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.8.9.1", "::1", "[::1]", "localhost", "LOCALHOST"])
+@each_case("host", ["127.0.0.1", "127.8.9.1", "::1", "[::1]", "localhost", "LOCALHOST"])
 def test_loopback_hosts_are_recognized(host: str) -> None:
     assert is_loopback(host)
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "", "10.0.0.1", "localhost.evil.example", "127.0.0.1.evil.example"])
+@each_case("host", ["0.0.0.0", "::", "", "10.0.0.1", "localhost.evil.example", "127.0.0.1.evil.example"])
 def test_other_hosts_are_not_loopback(host: str) -> None:
     assert not is_loopback(host)
 

@@ -32,7 +32,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with Recorder(simulation, runs / "run.mcap"):
             simulation.step(0.5)
             pose = Pose((2.0, 1.0, 1.85))
-            simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True)
+            simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True)
             simulation.step(0.5)
     return folder
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import pytest
@@ -263,9 +263,10 @@ def test_a_full_disk_is_named_and_leaves_the_old_file(verb: str, tmp_path: Path)
 
 
 @posix
-def test_sigterm_at_any_time_exits_with_143_and_leaves_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("moments", [range(0, 12, 3), pytest.param(range(12), marks=pytest.mark.slow)])
+def test_sigterm_at_any_time_exits_with_143_and_leaves_nothing(tmp_path: Path, moments: Sequence[int]) -> None:
     command = [*MINDSTAGE, "log", "bundled:kitchen", "--for", "3600", "-o", str(tmp_path / "out.owl")]
-    for moment in range(12):
+    for moment in moments:
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
         ) as process:

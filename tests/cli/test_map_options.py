@@ -15,6 +15,7 @@ from mindstage.cli.app import app
 from mindstage.cli.options import MapReading
 from mindstage.maps import QuaternionOrder, UnitConventions
 from mindstage.scene import MECHANICAL_KINDS
+from tests.cases import each_case
 from tests.cli.runner import Run, WriteMap, json_output
 
 VERBS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
@@ -44,7 +45,7 @@ def test_the_verbs_that_take_maps_are_found() -> None:
     assert without == {"demo", "episode", "plugins", "questions"}
 
 
-@pytest.mark.parametrize("name", [name for name, verb in VERBS.items() if takes_maps(verb)])
+@each_case("name", [name for name, verb in VERBS.items() if takes_maps(verb)])
 def test_a_verb_that_takes_maps_takes_all_options_of_reading_them(name: str) -> None:
     verb = VERBS[name]
     assert {each.name for each in verb.params} >= SHARED
@@ -55,7 +56,7 @@ def test_every_convention_has_an_option() -> None:
     assert set(UnitConventions.__struct_fields__) <= SHARED
 
 
-@pytest.mark.parametrize("name", ["open", "load", "diff", "connect", "load_knowledge"])
+@each_case("name", ["open", "load", "diff", "connect", "load_knowledge"])
 def test_a_function_that_takes_maps_takes_all_options_of_reading_them(name: str) -> None:
     parameters = inspect.signature(getattr(api, name)).parameters
     assert parameters.keys() >= {"ontologies", "bundled_ontology", "urdf", "conventions"}

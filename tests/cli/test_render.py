@@ -126,7 +126,7 @@ def test_a_running_simulation_is_rendered_from_one_snapshot() -> None:
     with ms.open("bundled:kitchen") as sim:
         sim.highlight("fridge", "blue")
         red = {"size": (0.8, 0.8, 0.8), "color": (1.0, 0.0, 0.0)}
-        sim.add_markers([Marker(id="red", type=MarkerType.CUBE, pose=Pose((0.3, 0.3, 1.2)), **red)])
+        sim.markers.add([Marker(id="red", type=MarkerType.CUBE, pose=Pose((0.3, 0.3, 1.2)), **red)])
         sim.play()
         picture = sim.render(settings=PathTracingSettings(size=(48, 30), samples=1))
         assert sim.state.playing

@@ -154,7 +154,7 @@ def test_the_answers_are_those_of_the_present_state(run: Run, kitchen: Simulatio
     assert before is not None
     raised = msgspec.structs.replace(before, position=(before.position[0], before.position[1], 9.0))
     assert "fridge" in run("ask", "where_is", "milk_carton_1", "inside", "--running").stdout
-    kitchen.run_on_engine(lambda engine: engine.apply(SetPoses({milk: raised})), label="move", edits=True)
+    kitchen.engine.run(lambda engine: engine.apply(SetPoses({milk: raised})), label="move", edits=True)
     try:
         moved = run("ask", "where_is", "milk_carton_1", "inside", "--running", "--json")
         assert (moved.exit_code, json_output(moved)["answers"]) == (1, [])
@@ -164,7 +164,7 @@ def test_the_answers_are_those_of_the_present_state(run: Run, kitchen: Simulatio
         (row,) = json_output(run("sparql", height, "--running", "--json"))["rows"]
         assert float(row["at"]["value"].split()[2]) == 9.0
     finally:
-        kitchen.run_on_engine(lambda engine: engine.apply(SetPoses({milk: before})), label="move", edits=True)
+        kitchen.engine.run(lambda engine: engine.apply(SetPoses({milk: before})), label="move", edits=True)
 
 
 def test_answers_are_highlighted_in_the_running_simulation(run: Run, kitchen: Simulation) -> None:

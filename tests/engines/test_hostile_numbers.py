@@ -16,6 +16,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import PoseUnreachableError
 from mindstage.scene import Body, BodyGeometry, BodyId, CollisionShape, Joint, Pose, SoftLimit
 from mindstage.scene.edits import SetPoses, Spawn
+from tests.cases import each_case
 from tests.engines.geometries import geometry
 from tests.engines.scenes import FLOOR, body, prismatic_joint, world
 
@@ -58,7 +59,7 @@ def _may_reach_the_table(bad: Body) -> bool:
     return math.hypot(*bad.pose.position[:2]) <= sum(bad.size) + 2.0
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("bad", "reason"),
     [
         (body("bad", (0, 0, 1), (1e300, 1, 1), "dynamic"), "size"),
@@ -67,7 +68,7 @@ def _may_reach_the_table(bad: Body) -> bool:
         (body("bad", (0, 0, 1), (1, 1, 1), "dynamic", quaternion=(1e200, 1.0, 0.0, 0.0)), "norm of 1e\\+200"),
     ],
 )
-@pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
+@each_case("engine", [NullEngine, MujocoEngine])
 def test_numbers_that_no_engine_can_simulate_are_refused_with_the_reason(
     bad: Body, reason: str, engine: type[NullEngine | MujocoEngine]
 ) -> None:

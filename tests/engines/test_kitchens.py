@@ -96,6 +96,7 @@ def opened(engine: MujocoEngine, joint: Joint, handle: BodyId, sign: int) -> flo
     return float(quat_angle(start[3:], end[3:]))
 
 
+@pytest.mark.parametrize("kitchen", ["bundled", pytest.param("laboratory", marks=pytest.mark.slow)], indirect=True)
 def test_every_door_and_drawer_opens_to_its_limit_by_its_handle(kitchen: World) -> None:
     engine = MujocoEngine()
     engine.apply(Spawn(kitchen))

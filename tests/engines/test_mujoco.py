@@ -29,6 +29,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.edits import Attach, Delete, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import normalize, quat_angle
+from tests.cases import each_case
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
@@ -140,7 +141,7 @@ MOTIONS = [
 ]
 
 
-@pytest.mark.parametrize(("linear", "angular"), MOTIONS)
+@each_case(("linear", "angular"), MOTIONS)
 def test_any_combination_of_axes_moves_as_described(
     linear: tuple[AxisMotion, ...], angular: tuple[AxisMotion, ...]
 ) -> None:

@@ -13,6 +13,7 @@ from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.edits import SetPoses, Spawn
 from mindstage.scene.transforms import pose_array
+from tests.cases import each_case
 from tests.engines.contract import apply_force_for, current_pose
 from tests.engines.scenes import FLOOR, body, prismatic_joint, revolute_joint, world
 
@@ -44,7 +45,7 @@ def unreached(position: World) -> set[str]:
     return set(cull_static_contacts(model_input, axes, scenery))
 
 
-@pytest.mark.parametrize(("x", "is_unreached"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
+@each_case(("x", "is_unreached"), [(2.0, True), (0.9, True), (0.79, False), (0.6, False), (-0.9, True)])
 def test_the_swept_box_of_a_drawer_extends_slightly_beyond_its_limit(x: float, *, is_unreached: bool) -> None:
     assert ("drawer" in unreached(with_wall(x))) is is_unreached
 

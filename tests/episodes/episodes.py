@@ -70,8 +70,8 @@ def kitchenette_episode() -> FrameRecording:
                     structure=world,
                     ids=frames[-1].ids if frames else state.ids,
                     poses=state.poses.copy(),
-                    joint_positions=simulation.run_on_engine(lambda engine: dict(engine.joint_positions())),
-                    contacts=simulation.run_on_engine(lambda engine: engine.contacts()),
+                    joint_positions=simulation.engine.run(lambda engine: dict(engine.joint_positions())),
+                    contacts=simulation.engine.run(lambda engine: engine.contacts()),
                 )
             )
             simulation.step(1 / 30)

@@ -24,8 +24,8 @@ def frame_of(simulation: Simulation, time_s: float, before: EpisodeFrame | None 
         structure=before.structure if before is not None and attachments and before.ids == snapshot.ids else world,
         ids=before.ids if before is not None and before.ids == snapshot.ids else snapshot.ids,
         poses=snapshot.poses.copy(),
-        joint_positions=simulation.run_on_engine(lambda engine: dict(engine.joint_positions())),
-        contacts=simulation.run_on_engine(lambda engine: engine.contacts()),
+        joint_positions=simulation.engine.run(lambda engine: dict(engine.joint_positions())),
+        contacts=simulation.engine.run(lambda engine: engine.contacts()),
     )
 
 
@@ -46,9 +46,9 @@ def kitchenette_recording(*, pull: float = 1.0) -> FrameRecording:
             if number == 2 * FRAMES_PER_S:
                 simulation.release()
                 set_pose(simulation, Pose((1.0, 0.0, 1.5)))
-                simulation.run_on_engine(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
+                simulation.engine.run(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
             if number == 3 * FRAMES_PER_S:
-                simulation.run_on_engine(lambda engine: engine.apply(Detach(MUG)), edits=True)
+                simulation.engine.run(lambda engine: engine.apply(Detach(MUG)), edits=True)
             frames.append(frame_of(simulation, number / FRAMES_PER_S, frames[-1] if frames else None))
             simulation.step(1 / FRAMES_PER_S)
     return FrameRecording(
@@ -57,7 +57,7 @@ def kitchenette_recording(*, pull: float = 1.0) -> FrameRecording:
 
 
 def set_pose(simulation: Simulation, pose: Pose) -> None:
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: pose})), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({MUG: pose})), edits=True)
 
 
 EVENTS = (

@@ -257,7 +257,7 @@ def kitchen_episode() -> ScriptedEpisode:
     with ms.open("bundled:kitchen") as simulation:
         simulation.step(3.0)  # the food comes to rest
         geometry = dict(simulation.geometry)
-        engine = simulation.run_on_engine(lambda engine: engine.fork())
+        engine = simulation.engine.run(lambda engine: engine.fork())
     stage = Stage(engine)
     try:
         expected = tuple(perform(stage))

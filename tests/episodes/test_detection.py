@@ -89,8 +89,15 @@ def score(events: Sequence[EpisodeEvent]) -> tuple[float, float, str]:
     return right / max(right + len(left), 1), right / len(expected), f"missing: {missing}\nwrong: {left}"
 
 
-@pytest.mark.parametrize("noise_seed", [None, 1])
-@pytest.mark.parametrize("contacts", [True, False], ids=["with contacts", "from poses alone"])
+@pytest.mark.parametrize(
+    ("noise_seed", "contacts"),
+    [
+        pytest.param(None, True, id="with contacts"),
+        pytest.param(1, True, id="with contacts and noise", marks=pytest.mark.slow),
+        pytest.param(None, False, id="from poses alone", marks=pytest.mark.slow),
+        pytest.param(1, False, id="from poses alone with noise"),
+    ],
+)
 def test_the_scripted_kitchen_is_detected_with_times_within_a_tenth_of_a_second(
     noise_seed: int | None, contacts: bool
 ) -> None:

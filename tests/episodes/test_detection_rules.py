@@ -39,6 +39,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.edits import SetPoses, Spawn
 from mindstage.simulation.interaction import Perturbations
+from tests.cases import each_case
 
 K = EpisodeEventKind
 TERMS = "http://example.org/things#"
@@ -154,8 +155,8 @@ def simulated(
 # -- falls -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("height", [0.1, 0.5, 1.5])
-@pytest.mark.parametrize("with_contacts", [True, False])
+@each_case("height", [0.1, 0.5, 1.5])
+@each_case("with_contacts", [True, False])
 def test_a_fall_lasts_as_long_as_mechanics_says_and_ends_with_its_momentum(height: float, with_contacts: bool) -> None:
     frames = simulated(world(FLOOR, body("box", (0.0, 0.0, 0.1 + height), BOX_SIZE)), 1.5)
     if not with_contacts:
@@ -659,8 +660,8 @@ def test_play_of_a_joint_is_no_opening(shake: float) -> None:
 # -- noise, rates, errors ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("asleep", [True, False], ids=["asleep", "contacts unknown"])
-@pytest.mark.parametrize("seed", range(3))
+@each_case("asleep", [True, False], ids=["asleep", "contacts unknown"])
+@each_case("seed", range(3))
 def test_noise_of_a_millimeter_on_bodies_at_rest_is_no_event(seed: int, asleep: bool) -> None:
     random = np.random.default_rng(seed)
     structure = world(FLOOR, TABLE, *(body(f"box_{n}", (0.12 * n - 0.3, 0.0, 0.9), BOX_SIZE) for n in range(6)))

@@ -58,7 +58,7 @@ class LiveStates:
         for _ in range(count):
             self.simulation.step(1 / 30)
             self.take()
-            self.contacts[self.recorder.time_s] = self.simulation.run_on_engine(lambda engine: engine.contacts())
+            self.contacts[self.recorder.time_s] = self.simulation.engine.run(lambda engine: engine.contacts())
 
 
 def edited_run(simulation: Simulation, path: Path) -> LiveStates:
@@ -67,7 +67,7 @@ def edited_run(simulation: Simulation, path: Path) -> LiveStates:
         live = LiveStates(simulation, recorder)
 
         def edit(function: object) -> None:
-            simulation.run_on_engine(function, edits=True)  # type: ignore[arg-type]
+            simulation.engine.run(function, edits=True)  # type: ignore[arg-type]
             live.take()
 
         live.step(5)
@@ -204,9 +204,7 @@ def test_a_simulation_is_continued_from_any_time(simulation: Simulation, tmp_pat
 
 def test_a_body_falls_on_where_the_simulation_is_continued(simulation: Simulation, tmp_path: Path) -> None:
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
-        simulation.run_on_engine(
-            lambda engine: engine.apply(SetPoses({body("Mug"): Pose((0.0, 0.0, 2.0))})), edits=True
-        )
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({body("Mug"): Pose((0.0, 0.0, 2.0))})), edits=True)
         simulation.step(0.3)
         at = recorder.time_s
         simulation.step(1.0)
@@ -246,9 +244,7 @@ def test_the_knowledge_base_answers_without_the_original_files(tmp_path: Path) -
 def test_the_maps_at_begin_and_end_are_the_worlds_of_then(simulation: Simulation, tmp_path: Path) -> None:
     with Recorder(simulation, tmp_path / "run.mcap"):
         begin = simulation.snapshot()
-        simulation.run_on_engine(
-            lambda engine: engine.apply(SetPoses({body("Mug"): Pose((0.0, 0.5, 0.05))})), edits=True
-        )
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({body("Mug"): Pose((0.0, 0.5, 0.05))})), edits=True)
         simulation.step(0.5)
         end = simulation.snapshot()
     with Episode(tmp_path / "run.mcap") as episode:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from mindstage.episodes import EpisodeEventKind
 from mindstage.episodes.event_log import EventLog, RelationLog
 from mindstage.scene import BodyId
+from tests.cases import each_case
 
 MIN_S = 0.5
 Found = list[tuple[str, float, float | None]]
@@ -29,7 +30,7 @@ def found_in(log: EventLog) -> Found:
     return [(event.thing, event.begin_s, event.end_s) for event in log.events]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("changes", "expected"),
     [
         # a sign is the begin, and the time without one the end
@@ -46,7 +47,7 @@ def found_in(log: EventLog) -> Found:
         ([(2.0, False)], []),
     ],
 )
-@pytest.mark.parametrize("settled", [False, True])
+@each_case("settled", [False, True])
 def test_begins_and_ends_of_one_relation(changes: list[tuple[float, bool]], expected: Found, settled: bool) -> None:
     log, found = relations()
     for time_s, holds in changes:

@@ -42,11 +42,11 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
             running.flush()  # attachments are at the begin of long files
             for number in range(12):
                 x = 0.2 * number - 1.0
-                simulation.run_on_engine(
+                simulation.engine.run(
                     lambda engine, x=x: engine.apply(SetPoses({BodyId("Mug"): Pose((x, -1.0, 0.6))})), edits=True
                 )
                 if number == 6:
-                    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("FridgeHandle"),))), edits=True)
+                    simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("FridgeHandle"),))), edits=True)
                 simulation.step(0.3)
     with Episode(path) as episode:
         TRUTH.update({frame.time_s: frame.world() for frame in episode.frames()})

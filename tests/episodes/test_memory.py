@@ -234,7 +234,7 @@ def test_recorded_files_answer_as_each_of_them_does(tmp_path: Path) -> None:
         simulation.spawn(kitchenette())
         with Recorder(simulation, tmp_path / "one.mcap"):
             simulation.step(0.2)
-            simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
+            simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
             simulation.step(0.5)
         shutil.copy(tmp_path / "one.mcap", tmp_path / "two.mcap")
         (tmp_path / "three.mcap").write_bytes((tmp_path / "one.mcap").read_bytes()[:40])

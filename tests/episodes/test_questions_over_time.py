@@ -31,6 +31,7 @@ from mindstage.scene.edits import Attach, Detach, SetPoses
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.scene.transforms import pose_array
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import MAP, kitchenette
 
 TIMES_S = (0.0, 0.5, 1.0, 1.5)
@@ -80,7 +81,7 @@ def frame_of(simulation: Simulation, time_s: float) -> EpisodeFrame:
         ids=snapshot.ids,
         poses=snapshot.poses.copy(),
         joint_positions=state.joint_positions,
-        contacts=simulation.run_on_engine(lambda engine: engine.contacts()),
+        contacts=simulation.engine.run(lambda engine: engine.contacts()),
     )
 
 
@@ -116,7 +117,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
             if step == 25:
                 simulation.release()
                 pose = Pose((2.0, 1.0, 1.9))
-                simulation.run_on_engine(
+                simulation.engine.run(
                     lambda engine, pose=pose: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True
                 )
             if time_s in TIMES_S:
@@ -156,7 +157,7 @@ def rounded(value: Any) -> Any:
     return [rounded(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-@pytest.mark.parametrize("question", state_questions(imagines=False), ids=lambda each: each.name)
+@each_case("question", state_questions(imagines=False), ids=lambda each: each.name)
 def test_a_question_at_a_time_answers_what_the_live_simulation_answered_then(run: Run, question: Question[Any]) -> None:
     for time_s in TIMES_S:
         now = run.live[question.name, time_s]
@@ -165,7 +166,7 @@ def test_a_question_at_a_time_answers_what_the_live_simulation_answered_then(run
         assert [each.reason for each in then.missing] == [each.reason for each in now.missing]
 
 
-@pytest.mark.parametrize("question", state_questions(imagines=False), ids=lambda each: each.name)
+@each_case("question", state_questions(imagines=False), ids=lambda each: each.name)
 def test_a_question_about_a_file_answers_what_the_live_simulation_answered(
     run: Run, file_knowledge: KnowledgeBase, question: Question[Any]
 ) -> None:
@@ -186,7 +187,7 @@ def test_the_questions_have_answers_to_compare_and_they_change(run: Run) -> None
         assert plain(run.live[name, 0.0]) != plain(run.live[name, 1.5]), name
 
 
-@pytest.mark.parametrize("question", state_questions(imagines=True), ids=lambda each: each.name)
+@each_case("question", state_questions(imagines=True), ids=lambda each: each.name)
 def test_a_question_that_imagines_continues_from_that_time(run: Run, question: Question[Any]) -> None:
     answers = run.knowledge.ask(question, **ARGUMENTS[question.name], at=0.0)
     assert answers
@@ -221,15 +222,11 @@ def random_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
         for step in range(40):
             x, y, z = numbers.uniform(1.2, 2.6), numbers.choice([0.0, 0.5, 1.0]), numbers.choice([0.05, 0.85, 1.85])
             pose = Pose((x, y, z))
-            simulation.run_on_engine(
-                lambda engine, pose=pose: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True
-            )
+            simulation.engine.run(lambda engine, pose=pose: engine.apply(SetPoses({BodyId("Mug"): pose})), edits=True)
             if step == 20:
-                simulation.run_on_engine(
-                    lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True
-                )
+                simulation.engine.run(lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True)
             if step == 30:
-                simulation.run_on_engine(lambda engine: engine.apply(Detach(BodyId("Mug"))), edits=True)
+                simulation.engine.run(lambda engine: engine.apply(Detach(BodyId("Mug"))), edits=True)
             simulation.step(0.02)
             frames.append(frame_of(simulation, round(step * 0.1, 6)))
         recording = FrameRecording(frames, name="random", spawned=simulation.worlds, source="mujoco")
@@ -294,7 +291,7 @@ def test_measured_values_that_change_are_answers_of_their_own(run: Run) -> None:
 # -- errors ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("args", "error", "words"),
     [
         ({"at": 99.0}, EpisodeTimeError, "run has no state at 99 s; it lasts from 0 to 1.5 s"),
@@ -362,9 +359,7 @@ def test_a_simulation_that_is_recorded_can_be_asked_about_what_was_recorded_so_f
         with Recorder(simulation, tmp_path / "live.mcap", rate_hz=50.0) as recorder:
             for _ in range(4):
                 x = 1.9 + 0.04 * len(live)
-                simulation.run_on_engine(
-                    lambda engine, x=x: engine.apply(SetPoses({BodyId("Mug"): Pose((x, 0.0, 0.85))}))
-                )
+                simulation.engine.run(lambda engine, x=x: engine.apply(SetPoses({BodyId("Mug"): Pose((x, 0.0, 0.85))})))
                 simulation.step(0.1)
                 live[recorder.time_s] = plain(simulation.ask("pose_of", "Mug"))
                 for time_s, then in live.items():

@@ -44,9 +44,7 @@ def drop_the_mug(simulation: Simulation, path: Path) -> dict[float, np.ndarray]:
     """Records a falling mug; returns its live pose by time."""
     live = {}
     with Recorder(simulation, path) as recorder:
-        simulation.run_on_engine(
-            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True
-        )
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True)
         for _ in range(30):
             simulation.step(1 / 30)
             live[recorder.time_s] = simulation.state.poses[simulation.state.ids.index(BodyId("Mug"))].copy()
@@ -103,7 +101,7 @@ def test_every_message_is_read_by_two_other_programs(simulation: Simulation, tmp
     fridge = drawn["Fridge"]
     assert (fridge.scale.x, fridge.scale.y, fridge.scale.z) == (0.6, 0.6, 1.8)
     assert fridge.frame_locked
-    live = simulation.run_on_engine(lambda engine: engine.contacts())
+    live = simulation.engine.run(lambda engine: engine.contacts())
     assert [(each.a, each.b, each.force_n) for each in contacts] == [
         (each.a, each.b or "", each.force_n) for each in live
     ]
@@ -156,7 +154,7 @@ def test_joints_are_recorded_at_their_positions_and_named_by_their_only_axis(
     with Recorder(simulation, tmp_path / "run.mcap"):
         simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
         simulation.step(0.5)
-        live = simulation.run_on_engine(lambda engine: dict(engine.joint_positions()))
+        live = simulation.engine.run(lambda engine: dict(engine.joint_positions()))
     with Episode.open(tmp_path / "run.mcap") as episode:
         found = episode.frame_at(episode.end_s).joint_positions
     assert found is not None
@@ -187,14 +185,14 @@ def test_edits_and_questions_are_recorded_with_their_client(simulation: Simulati
         simulation.step(0.5)
         at = recorder.time_s
         with as_client("viewer"):
-            simulation.run_on_engine(lambda engine: engine.apply(SetPoses({mug: Pose((0.0, 0.0, 0.05))})), edits=True)
+            simulation.engine.run(lambda engine: engine.apply(SetPoses({mug: Pose((0.0, 0.0, 0.05))})), edits=True)
             simulation.highlight("Mug", "green", label="look")
         simulation.step(0.5)
         answers = simulation.ask("where_is", "Mug")
         with simulation.fork() as copy:
-            copy.run_on_engine(lambda engine: engine.apply(Delete((mug,))), edits=True)
+            copy.engine.run(lambda engine: engine.apply(Delete((mug,))), edits=True)
         with pytest.raises(Exception, match="Teapot"):
-            simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Teapot"),))), edits=True)
+            simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Teapot"),))), edits=True)
     with Episode(tmp_path / "run.mcap") as episode:
         edits = episode.edits()
     assert [(each.kind, each.client) for each in edits] == [
@@ -235,16 +233,12 @@ def test_events_detected_while_recording_are_those_detected_from_the_file(
 ) -> None:
     simulation.step(0.5)
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
-        simulation.run_on_engine(
-            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True
-        )
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True)
         simulation.pull(BodyId("Drawer"), point=(0.0, 0.0, 0.0), target=(1.5, 0.0, 0.65))
         simulation.step(1.5)
         simulation.release()
         simulation.step(4.0)  # a rest, of which not all frames are searched
-        simulation.run_on_engine(
-            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.5, 1.0))})), edits=True
-        )
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.5, 1.0))})), edits=True)
         simulation.step(2.0)
         assert recorder.recording
     with Episode(tmp_path / "run.mcap") as episode:
@@ -269,7 +263,7 @@ MUG = BodyId("Mug")
 
 
 def edit(simulation: Simulation, function: Callable[[Engine], object]) -> None:
-    simulation.run_on_engine(function, edits=True)
+    simulation.engine.run(function, edits=True)
 
 
 def lift(simulation: Simulation, height: float) -> None:
@@ -352,9 +346,7 @@ def test_events_of_a_recording_without_them_are_detected_when_it_is_read(
 ) -> None:
     simulation.step(0.5)
     with Recorder(simulation, tmp_path / "without.mcap", events=False), Recorder(simulation, tmp_path / "with.mcap"):
-        simulation.run_on_engine(
-            lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True
-        )
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.0, 1.0))})), edits=True)
         simulation.step(1.0)
     with Episode(tmp_path / "without.mcap") as without, Episode(tmp_path / "with.mcap") as recorded:
         assert not without.header.has_events

@@ -38,7 +38,7 @@ def test_a_recording_can_be_executed_again_with_a_robot(tmp_path: Path) -> None:
             sim.edits.attach(DRAWER, MUG)
             sim.edits.set_label(MUG, "cup of Ann")
             sim.step(0.1)
-        after, actuators = sim.snapshot(), sim.run_on_engine(lambda engine: engine.actuator_states())
+        after, actuators = sim.snapshot(), sim.engine.run(lambda engine: engine.actuator_states())
     with made() as again, Episode(tmp_path / "run.mcap") as episode:
         done = repeat_edits(episode, again)
         again.step(0.1)
@@ -47,19 +47,19 @@ def test_a_recording_can_be_executed_again_with_a_robot(tmp_path: Path) -> None:
         assert "robot mobile_manipulator added" in done
         assert diff(after, again.snapshot()).identical(1e-6)
         assert find_robot(again).exists
-        assert again.run_on_engine(lambda engine: engine.actuator_states()).keys() == actuators.keys()
+        assert again.engine.run(lambda engine: engine.actuator_states()).keys() == actuators.keys()
 
 
 def test_a_robot_of_a_copy_is_committed_as_a_robot() -> None:
     with made() as sim:
         with sim.fork() as copy:
             robot = add_robot(copy, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
-            pairs = copy.run_on_engine(lambda engine: set(engine._cache.builder.given_excluded_pairs))  # type: ignore[attr-defined]
+            pairs = copy.engine.run(lambda engine: set(engine._cache.builder.given_excluded_pairs))  # type: ignore[attr-defined]
             copy.commit()
         committed = find_robot(sim)
         assert committed.body_ids == robot.body_ids
         assert pairs
-        assert sim.run_on_engine(lambda engine: set(engine._cache.builder.given_excluded_pairs)) == pairs  # type: ignore[attr-defined]
+        assert sim.engine.run(lambda engine: set(engine._cache.builder.given_excluded_pairs)) == pairs  # type: ignore[attr-defined]
         height = committed.link_pose("head_pan_link")[2]
         sim.step(0.5)
         assert committed.link_pose("head_pan_link")[2] == pytest.approx(height, abs=0.01), "its drives hold it"

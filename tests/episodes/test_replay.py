@@ -53,8 +53,8 @@ def test_the_world_and_the_state_are_those_of_the_frame(replay: EpisodeReplay, r
         assert replay.state.time_s == time_s
         assert np.array_equal(replay.state.poses, frame.poses)
         assert replay.snapshot() == frame.world()
-        assert replay.run_on_engine(lambda engine: engine.joint_positions()) == frame.joint_positions
-        assert replay.run_on_engine(lambda engine: engine.contacts()) == frame.contacts
+        assert replay.engine.run(lambda engine: engine.joint_positions()) == frame.joint_positions
+        assert replay.engine.run(lambda engine: engine.contacts()) == frame.contacts
 
 
 def test_questions_are_answered_for_the_shown_time(replay: EpisodeReplay) -> None:
@@ -174,7 +174,7 @@ def test_bodies_can_be_highlighted_and_unknown_ones_cannot(replay: EpisodeReplay
 def test_it_continues_live_from_the_shown_moment_and_returns(replay: EpisodeReplay, recording: FrameRecording) -> None:
     replay.seek(1.9)
     replay.resume()
-    assert replay.engine_name == "mujoco"
+    assert replay.engine.name == "mujoco"
     assert replay.state.time_s == pytest.approx(1.9)
     assert not replay.state.playing
     for id, row in zip(replay.state.ids, recording.frame_at(1.9).poses, strict=False):
@@ -189,7 +189,7 @@ def test_it_continues_live_from_the_shown_moment_and_returns(replay: EpisodeRepl
     assert replay.state.time_s > 2.3
     assert pose(replay, MUG)[2] == pytest.approx(1.85, abs=0.01)
     replay.edits.delete([MUG])
-    replay.reset_to_start()
+    replay.reset(to_start=True)
     assert pose(replay, MUG)[2] == pytest.approx(0.85, abs=0.01)
     replay.return_to_recording()
     replay.return_to_recording()
@@ -223,7 +223,7 @@ def test_bodies_that_were_added_and_deleted_exist_at_their_times_only() -> None:
         jug = Body(id=BodyId("Jug"), iri=Iri(MAP + "Jug"), cls=Iri(MAP + "Jug"), pose=Pose((0.0, 0.0, 1.0)))
         simulation.spawn(World(iri=Iri(MAP + "map"), name="map", bodies=(jug,)), persistent=False)
         frames.append(frame_of(simulation, 1.0, frames[-1]))
-        simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
+        simulation.engine.run(lambda engine: engine.apply(Delete((MUG,))), edits=True)
         frames.append(frame_of(simulation, 2.0, frames[-1]))
     with EpisodeReplay(FrameRecording(frames), KnowledgeBase(), at_s=1.0) as replay:
         assert {"Jug", "Mug"} <= set(replay.state.ids)
@@ -242,9 +242,9 @@ def test_a_recording_without_joints_and_contacts_has_not_these_capabilities(reco
         for each in recording.frames(0.0, 1.0)
     ]
     with EpisodeReplay(FrameRecording(frames), KnowledgeBase()) as replay:
-        assert not replay.capabilities & {Capability.JOINTS, Capability.CONTACTS}
+        assert not replay.engine.capabilities & {Capability.JOINTS, Capability.CONTACTS}
         with pytest.raises(UnsupportedByEngineError, match="not recorded"):
-            replay.run_on_engine(lambda engine: engine.contacts())
+            replay.engine.run(lambda engine: engine.contacts())
 
 
 def test_the_longer_of_two_recordings_determines_the_end(recording: FrameRecording) -> None:

@@ -13,6 +13,7 @@ from mindstage.episodes import EpisodeFrame
 from mindstage.episodes.shape_contacts import GapPairs, ShapeContacts
 from mindstage.episodes.tracking import BodyTable
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
+from tests.cases import each_case
 
 MARGIN_M, MAX_DEPTH_M = 0.01, 0.02
 Box = tuple[Vector, Vector | None]
@@ -58,9 +59,9 @@ UNIT = (1.0, 1.0, 1.0)
 BASE: Box = ((0.0, 0.0, 0.0), UNIT)
 
 
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("gap", [0.005, 0.0, -0.015])
+@each_case("axis", [0, 1, 2])
+@each_case("sign", [1.0, -1.0])
+@each_case("gap", [0.005, 0.0, -0.015])
 def test_the_normal_of_a_pair_points_from_the_first_to_the_second(axis: int, sign: float, gap: float) -> None:
     center = np.zeros(3)
     center[axis] = sign * (1.0 + gap)
@@ -76,7 +77,7 @@ def test_the_normal_of_a_pair_points_from_the_first_to_the_second(axis: int, sig
     assert (back.a_below[0], back.b_below[0]) == pytest.approx((-upwards, upwards), abs=1e-9)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("gap", "deeper", "is_found"),
     [
         (0.0099, 0.0, True),
@@ -149,7 +150,7 @@ def test_neighbors_are_the_same_for_few_and_for_many_bodies(count: int) -> None:
     assert found.near(*range(count)) == {(number, number + 1) for number in range(count - 1)}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("inner", "is_inside"),
     [
         (((0.0, 0.0, 0.0), (0.4, 0.4, 0.4)), True),

@@ -77,7 +77,7 @@ def test_ten_lines_of_turtle_define_a_working_drawer(knowledge: KnowledgeBase) -
         start = positions(simulation)
         for force, reached in ((6.0, 0.4), (-6.0, 0.0)):
             for _ in range(80):
-                simulation.run_on_engine(partial(push, force=force))
+                simulation.engine.run(partial(push, force=force))
                 simulation.step(0.05)
             moved = positions(simulation) - start
             assert moved[1, 0] == pytest.approx(reached, abs=0.01)

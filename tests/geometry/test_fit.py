@@ -16,6 +16,7 @@ from mindstage.geometry.orientation import OrientationSolver
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, LinearLimits, Quaternion, Vector
 from mindstage.scene.transforms import quat_conjugate, quat_rotate
+from tests.cases import each_case
 from tests.geometry.fit_scenes import (
     QUARTERS,
     box_of,
@@ -133,8 +134,8 @@ def test_the_floor_of_a_drawer_is_right_below_its_contents(bundled_knowledge: Kn
 # -- cabinets ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("side", [BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT])
-@pytest.mark.parametrize("turn", QUARTERS[:2])
+@each_case("side", [BodySide.FRONT, BodySide.BACK, BodySide.LEFT, BodySide.RIGHT])
+@each_case("turn", QUARTERS[:2])
 def test_a_cupboard_is_open_where_its_door_is(
     bundled_knowledge: KnowledgeBase, side: BodySide, turn: Quaternion
 ) -> None:
@@ -298,7 +299,7 @@ class FrontCase(NamedTuple):
     front: Vector
 
 
-@pytest.mark.parametrize(
+@each_case(
     "case",
     [
         FrontCase("Chair-PieceOfFurniture", (1.0, 0.0, 0.45), (0.45, 0.45, 0.9), (-1, 0, 0)),
@@ -310,7 +311,7 @@ class FrontCase(NamedTuple):
     ],
     ids=lambda case: case.cls,
 )
-@pytest.mark.parametrize("turn", QUARTERS[:2])
+@each_case("turn", QUARTERS[:2])
 def test_furniture_faces_the_side_from_which_it_is_used(
     bundled_knowledge: KnowledgeBase, case: FrontCase, turn: Quaternion
 ) -> None:

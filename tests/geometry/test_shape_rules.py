@@ -13,6 +13,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.shape_rules import DEFAULT_ROLE, ShapeRule
 from mindstage.scene import GeometrySource, Iri, LightType
 from mindstage.scene.colors import hex_color
+from tests.cases import each_case
 from tests.kitchenette import KNOWROB
 
 MS = "http://mindstage.org/ontology#"
@@ -161,7 +162,7 @@ def test_typical_sizes_are_known(bundled_knowledge: KnowledgeBase) -> None:
 # -- guesses -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "kind", "word"),
     [
         ("BIGDrawerW60H29", "drawer", "drawer"),
@@ -303,7 +304,7 @@ def texture(knowledge: KnowledgeBase, name: str, role: str = DEFAULT_ROLE) -> st
     return rule(knowledge, name).materials[role].pbr_material.texture
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "expected"),
     [
         ("Floor", "floor_tiles"),

@@ -17,6 +17,7 @@ from mindstage.scene import (
     VisualMesh,
 )
 from mindstage.scene.transforms import Array, quat_rotate
+from tests.cases import each_case
 from tests.geometry.geometry_checks import is_closed, is_inside, visual_bounds, volume
 
 
@@ -91,7 +92,7 @@ def test_shelves_without_room_are_omitted_with_a_note() -> None:
     assert geometry.reason == "room for 2 of 9 shelves"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("shape_name", "size"),
     [
         ("mug", (0.084, 0.084, 0.096)),

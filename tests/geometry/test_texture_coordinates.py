@@ -11,6 +11,7 @@ from mindstage.geometry import SHAPE_TEMPLATES, BodySide, build_geometry, templa
 from mindstage.scene import BodyGeometry, PbrMaterial, Vector, VisualMesh
 from mindstage.scene.transforms import Array
 from mindstage.textures import texture_info
+from tests.cases import each_case
 from tests.geometry.template_strategies import orientations, sizes, templates
 
 OAK = PbrMaterial(name="wood", texture="oak_board")
@@ -34,7 +35,7 @@ def all_of(texture: PbrMaterial, shape_name: str) -> dict[str, PbrMaterial]:
     return dict.fromkeys(SHAPE_TEMPLATES[shape_name].roles, texture)
 
 
-@pytest.mark.parametrize("shape_name", SHAPE_TEMPLATES)
+@each_case("shape_name", SHAPE_TEMPLATES)
 @settings(max_examples=2, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(data=st.data(), size=sizes, orientation=orientations, material=st.sampled_from([OAK, TILES]))
 def test_the_scale_of_textures_is_metric(
@@ -137,8 +138,8 @@ def uv_at(visual: VisualMesh, normal: Vector) -> tuple[Array, Array]:
     return visual.points[rows], visual.uv[rows]
 
 
-@pytest.mark.parametrize("side", [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
-@pytest.mark.parametrize("up", [BodySide.TOP, BodySide.LEFT])
+@each_case("side", [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])
+@each_case("up", [BodySide.TOP, BodySide.LEFT])
 def test_every_side_of_a_carton_is_readable(side: Vector, up: BodySide) -> None:
     """Seen from outside with its top upwards, u increases to the right and v upwards."""
     front = BodySide.FRONT

@@ -113,11 +113,11 @@ def carry_down(task: SkillTask, id: BodyId, *, to_m: float) -> Generator[float, 
     top = 0.5
     yield from robot.moving_to({"lift_joint": 0.9})
     x, y, _ = robot.link_pose(robot.gripper().link)[:3].tolist()
-    task.session.run_on_engine(lambda engine: engine.apply(SetPoses({id: Pose((x, y + 1.0, top))})), edits=True)
-    task.session.run_on_engine(lambda engine: engine.apply(Attach(hand, id)), edits=True)
+    task.session.engine.run(lambda engine: engine.apply(SetPoses({id: Pose((x, y + 1.0, top))})), edits=True)
+    task.session.engine.run(lambda engine: engine.apply(Attach(hand, id)), edits=True)
     yield 0.05
     yield from robot.moving_to({"lift_joint": 0.9 - (top - to_m)})
-    task.session.run_on_engine(lambda engine: engine.apply(Detach(id)), edits=True)
+    task.session.engine.run(lambda engine: engine.apply(Detach(id)), edits=True)
     yield 0.6
 
 

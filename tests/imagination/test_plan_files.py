@@ -34,6 +34,7 @@ from mindstage.imagination import (
     plan_schema,
 )
 from mindstage.scene import Mobility, Pose
+from tests.cases import each_case
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False) | st.integers(-10, 10).map(float)
 positive = st.floats(1e-3, 3600.0)
@@ -206,7 +207,7 @@ def test_each_method_of_the_builder_adds_its_step_with_all_fields() -> None:
         assert load_plan(dump_plan(built, format=format)).plan == built
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "value"),
     [
         ("on", "on"),
@@ -229,7 +230,7 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: object) -> None:
     assert step.args == {"a": value}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "message"),
     [
         (

@@ -20,6 +20,7 @@ from mindstage.maps.io.write import write_map
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.scene.edits import SetPoses
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import KNOWROB, MAP, kitchenette
 
 IMAGINING = {"stays", "fits_now", "would_tip", "can_open", "reachable_by_pull", "would_spill", "what_if"}
@@ -47,7 +48,7 @@ def sim() -> Iterator[Simulation]:
         before, revision = sim.snapshot(), sim.state.revision
         yield sim
         assert diff(before, sim.snapshot()).identical(0.0)
-        assert (sim.state.revision, sim.state.time_s, sim.imaginations) == (revision, 0.0, ())
+        assert (sim.state.revision, sim.state.time_s, sim.forks) == (revision, 0.0, ())
 
 
 @pytest.fixture(scope="module")
@@ -200,7 +201,7 @@ def fields(row: Any) -> dict[str, Any]:
     return {field.name: field.value for field in row.answer}
 
 
-@pytest.mark.parametrize(
+@each_case(
     "edit",
     [
         "open the Drawer",
@@ -242,7 +243,7 @@ def test_without_an_answer_the_reasons_are_those_after_the_edit(sim: Simulation)
     assert reasons(answers).startswith("after the edit, ")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("edit", "question", "error"),
     [
         ("juggle the Mug", "where_is Mug", InvalidArgumentError),
@@ -276,7 +277,7 @@ def test_they_are_declared_like_all_others(sim: Simulation) -> None:
     assert get_question("would-tip") is declared["would_tip"]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("sentence", "question"),
     [
         ("would the Mug stay on the Cupboard?", "stays"),
@@ -290,14 +291,14 @@ def test_plain_sentences_ask_them(sim: Simulation, sentence: str, question: str)
     assert sim.ask(sentence).question.name == question
 
 
-@pytest.mark.parametrize("question", sorted(IMAGINING))
+@each_case("question", sorted(IMAGINING))
 def test_without_arguments_they_say_what_to_give(sim: Simulation, question: str) -> None:
     answers = sim.ask(question)
     assert not answers
     assert reasons(answers).startswith("give ")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("question", "args"),
     [
         ("stays", {"thing": "Mug", "uncertainty": "weight=2"}),
@@ -319,7 +320,7 @@ def test_nothing_that_is_asked_changes_the_world(sim: Simulation) -> None:
     assert not sim.ask("stays", "Overhanging")
     assert sim.ask("what_if", "open Drawer then put Mug on Fridge", "where_is Mug", wait_s=0.2)
     assert diff(before, sim.snapshot()).identical(0.0)
-    assert (sim.state.revision, sim.state.time_s, sim.imaginations) == (revision, 0.0, ())
+    assert (sim.state.revision, sim.state.time_s, sim.forks) == (revision, 0.0, ())
 
 
 # -- sources -----------------------------------------------------------------------------------------------------------
@@ -358,7 +359,7 @@ class Unforkable(MujocoEngine):
 def test_an_engine_without_copies_is_imagined_in_mujoco_from_its_snapshot(engine: type, note: str) -> None:
     with Simulation(KnowledgeBase(), engine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
-        sim.run_on_engine(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
+        sim.engine.run(lambda running: running.apply(SetPoses({BodyId("Mug"): Pose((1.69, 0.2, 0.85))})), edits=True)
         before = sim.snapshot()
         answers = sim.ask("stays", "Mug")
         assert not answers  # it overhangs in the present state, not in the map

@@ -139,6 +139,7 @@ def _free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+@pytest.mark.slow
 def test_the_shell_uses_a_cluster_that_ray_start_has_started_and_that_demands_a_token(tmp_path: Path) -> None:
     if "CI" not in os.environ:
         pytest.importorskip("ray")

@@ -92,7 +92,7 @@ def test_what_is_done_may_fail_and_that_is_no_success(table: Simulation) -> None
 
 def test_nothing_is_done_if_the_world_changes_meanwhile(table: Simulation) -> None:
     def disturb(verdict: object) -> None:
-        table.run_on_engine(lambda engine: engine.apply(SetPoses({"box": Pose((-0.3, 0.0, BOX_Z))})), edits=True)
+        table.engine.run(lambda engine: engine.apply(SetPoses({"box": Pose((-0.3, 0.0, BOX_Z))})), edits=True)
 
     found = try_first(table, ASIDE, on_verdict=disturb)
     assert not found.acted

@@ -148,7 +148,7 @@ def test_the_json_has_the_promised_fields(sim: Simulation) -> None:
 
 def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simulation) -> None:
     def bits(simulation: Simulation) -> bytes:
-        data = simulation.run_on_engine(lambda engine: engine._cache.model().data)  # type: ignore[attr-defined]
+        data = simulation.engine.run(lambda engine: engine._cache.model().data)  # type: ignore[attr-defined]
         names = ("qpos", "qvel", "qacc_warmstart", "xpos", "xquat", "tree_asleep", "body_awake", "time")
         return b"".join(np.asarray(getattr(data, name)).tobytes() for name in names)
 

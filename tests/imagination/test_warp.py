@@ -84,7 +84,7 @@ def sim() -> Iterator[Simulation]:
 
 def batch_of(sim: Simulation, worlds: int, scales: list[DynamicsScale] | None = None) -> WarpBatch:
     """A batch in the state of a simulation, in which the box of each world is scaled."""
-    engine = sim.run_on_engine(lambda engine: engine.fork())
+    engine = sim.engine.run(lambda engine: engine.fork())
     assert isinstance(engine, MujocoEngine)
     start = engine.compiled().copy()
     start.set_state(start.state())
@@ -153,7 +153,7 @@ class TestMechanics:
     def test_a_pulled_hinge_moves_as_in_mujoco(self, sim: Simulation) -> None:
         """The same force on the door in both, and poses at each look; of single and of double precision."""
         batch, compiled = batch_of(sim, 2), None
-        engine = sim.run_on_engine(lambda engine: engine.fork())
+        engine = sim.engine.run(lambda engine: engine.fork())
         compiled = batch.compiled
         door, row = compiled.body_ids[BodyId("door")], compiled.rows[BodyId("door")]
         batch.set_force(1, {door: np.array([0.0, 4.0, 0.0, 0.0, 0.0, 0.0])})
@@ -296,7 +296,7 @@ class TestSamples:
 
         monkeypatch.setattr(WarpBatch, "__init__", record)
         lifted = SimulationImage.capture(sim).restore()
-        lifted.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("box"): Pose((-0.5, 0.0, 1.0))})), edits=True)
+        lifted.engine.run(lambda engine: engine.apply(SetPoses({BodyId("box"): Pose((-0.5, 0.0, 1.0))})), edits=True)
         monkeypatch.setattr(warp_batch, "_MIN_CONTACT_COUNT", 1)
         monkeypatch.setattr(warp_batch, "_MARGIN", 1)
         assert execute(sim, NEAR_EDGE, on_cpu(3), count=3) == enough

@@ -44,7 +44,7 @@ def put(sim: Simulation, id: str, position: Vector, *, tilt: float = 0.0, yaw: f
     """Puts a body somewhere, turned about the vertical and then tilted about the x axis of the world."""
     cosine, sine, c, s = math.cos(tilt / 2), math.sin(tilt / 2), math.cos(yaw / 2), math.sin(yaw / 2)
     pose = Pose(position, (cosine * c, sine * c, -sine * s, cosine * s))
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId(id): pose})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId(id): pose})), edits=True)
 
 
 def events(watch: EventWatch) -> list[tuple[str, str | None, str | None]]:
@@ -103,7 +103,7 @@ def test_the_vertical_is_that_of_the_pose_in_which_it_was_put(sim: Simulation, w
     lying = sim.snapshot().body(A).pose
     turned = quat_multiply((math.cos(0.6), 0.0, 0.0, math.sin(0.6)), lying.quaternion)
     turned_pose = pose_from_array(np.array([*lying.position, *turned]))
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({A: turned_pose})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({A: turned_pose})), edits=True)
     assert events(watch) == [], "turned about the vertical"
     put(sim, "a", (-0.3, 0.0, TOP))
     assert events(watch) == [("tipped", "a", None)]
@@ -127,7 +127,7 @@ def test_what_is_attached_falls_with_what_it_is_attached_to(sim: Simulation, wat
     assert watch.group_of(BodyId("unknown")) == {"unknown"}
     put(sim, "c", (0.3, 0.0, 0.05))
     assert events(watch) == [("fell", "c", "a")], "one fall, of both"
-    sim.run_on_engine(lambda engine: engine.apply(Detach(LID)), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Detach(LID)), edits=True)
     watch.refresh()
     put(sim, "lid", (0.3, 0.0, 0.01))
     assert events(watch)[1:] == [("fell", "lid", "c")]
@@ -142,7 +142,7 @@ def test_what_leaves_the_place_is_reported_and_what_falls_within_is_not(sim: Sim
 
 def test_bodies_that_come_and_go_keep_the_references_of_the_others(sim: Simulation, watch: EventWatch) -> None:
     new = body("new", (-0.9, 0.0, TOP), (0.1, 0.1, 0.1), "dynamic", 1.0)
-    sim.run_on_engine(lambda engine: engine.apply(Delete((A,))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((A,))), edits=True)
     sim.spawn(type(sim.worlds[0])(iri=sim.worlds[0].iri, bodies=(new,)))
     assert events(watch) == []
     put(sim, "b", (0.3, 0.0, 0.05))

@@ -13,6 +13,7 @@ from mindstage.errors import AmbiguousNameError, NameNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import Answers, StoragePlace, get_question, list_questions
 from mindstage.scene import Iri
+from tests.cases import each_case
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 
@@ -24,7 +25,7 @@ def kb() -> KnowledgeBase:
     return knowledge
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("question", "args", "individual"),
     [
         ("storage_place_in_environment", {"item": "CowsMilk"}, "fridge"),
@@ -69,7 +70,7 @@ def test_a_row_without_a_question_has_no_subject(kb: KnowledgeBase) -> None:
         kb.ask("class_properties", cls="Refrigerator", value="Perishable")[0].instances  # noqa: B018
 
 
-@pytest.mark.parametrize("question", list_questions(), ids=lambda each: each.name)
+@each_case("question", list_questions(), ids=lambda each: each.name)
 def test_answers_to_every_question_convert_to_dicts_and_tables(kb: KnowledgeBase, question: object) -> None:
     answers = kb.ask(question)  # type: ignore[call-overload]
     dicts = answers.to_dicts()

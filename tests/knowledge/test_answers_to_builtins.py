@@ -8,6 +8,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import answers_to_builtins
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
+from tests.cases import each_case
 from tests.maps.small_maps import KNOWROB
 
 
@@ -30,7 +31,7 @@ def test_answers_convert_to_json_values(kitchen: KnowledgeBase) -> None:
     assert result["missing"] == []
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "args", "about"),
     [
         ("what_is", {"individual": "oven"}, "oven"),

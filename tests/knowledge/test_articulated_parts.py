@@ -18,6 +18,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import AxisMotion, BodyId, Iri, Joint, World
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.engines.scenes import BASE, attachment, body, prismatic_joint, revolute_joint, world
 from tests.kitchenette import KNOWROB, kitchenette
 
@@ -130,7 +131,7 @@ TURNS = revolute_joint("joint", "case", "front", (0.3, 0, 0.5), limit=1.0)
 TURNS_FREE = replace(TURNS, angular=replace(TURNS.angular, swing1=AxisMotion.FREE))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("joint", "axis", "way", "state", "share"),
     [
         (SLIDE, 0, 0.0199, OpenState.CLOSED, 0.04975),
@@ -154,7 +155,7 @@ def test_a_joint_is_open_from_the_stated_limit(
     assert row.share == (None if share is None else pytest.approx(share))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("cls", "count"),
     [
         (KNOWROB + "Drawer", 1),

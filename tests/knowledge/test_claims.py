@@ -22,6 +22,7 @@ from mindstage.knowledge.queries import MissingKnowledge, Question, get_question
 from mindstage.maps import bundled_kitchen
 from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.scene import Body, BodyId, Iri, World
+from tests.cases import each_case
 from tests.maps.small_maps import KNOWROB, OWL, RDFS, body_turtle, knowledge_base_from, room_map
 
 TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
@@ -640,7 +641,7 @@ def test_the_check_finds_claims_that_are_false(kitchen: KnowledgeBase) -> None:
     assert {claim.kind for claim in false} == {*ClaimKind}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "args", "reason"),
     [
         ("storage_place", {"item": "Water"}, "; Kettle (typePrimaryFunction-containerFor only Water), "),

@@ -25,6 +25,7 @@ from mindstage.maps import bundled_kitchen, bundled_ontology
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import diff
 from mindstage.scene.world_diff import ChangeKind
+from tests.cases import each_case
 from tests.knowledge.faulty_server import FaultyServerStarter, start_faulty_server
 from tests.knowledge.sparql_server import SparqlServer
 from tests.maps.dialect_maps import soma_map
@@ -336,7 +337,7 @@ def test_a_query_with_too_long_a_response_times_out(oxigraph: Path) -> None:
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("url", ["", "kitchen", "ftp://h/q", "http://", "http://h:0/", "http://h:99999/", "http://[/"])
+@each_case("url", ["", "kitchen", "ftp://h/q", "http://", "http://h:0/", "http://h:99999/", "http://[/"])
 def test_an_invalid_url_is_refused_at_once(url: str) -> None:
     with pytest.raises(InvalidArgumentError, match="give one such as http://localhost:7878/query"):
         KnowledgeBase(endpoint=url)

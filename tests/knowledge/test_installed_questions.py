@@ -29,6 +29,7 @@ from mindstage.knowledge.questions import (
 from mindstage.knowledge.sentences import questions_with_words, sentence_patterns, understand
 from mindstage.registry import Group, extensions
 from mindstage.scene import Iri
+from tests.cases import each_case
 
 INSTALLED = extensions(Group.QUESTIONS)
 SOURCES = Path(mindstage.__file__).parent
@@ -65,7 +66,7 @@ def test_every_declared_question_is_an_entry_point_that_ports_offer() -> None:
     assert {each.name: each.module for each in DECLARED} == {each.name: each.module for each in INSTALLED.values()}
 
 
-@pytest.mark.parametrize("declared", DECLARED, ids=lambda each: each.name)
+@each_case("declared", DECLARED, ids=lambda each: each.name)
 def test_every_wording_of_a_question_leads_to_it(declared: Question[AnswerRow]) -> None:
     for pattern in sentence_patterns(declared):
         for words in pattern.word_sets():
@@ -73,7 +74,7 @@ def test_every_wording_of_a_question_leads_to_it(declared: Question[AnswerRow]) 
             assert declared in questions_with_words({*words, "milk", "carton"})
 
 
-@pytest.mark.parametrize("declared", DECLARED, ids=lambda each: each.name)
+@each_case("declared", DECLARED, ids=lambda each: each.name)
 def test_words_that_no_wording_has_lead_to_no_question(declared: Question[AnswerRow]) -> None:
     sets = {words for pattern in sentence_patterns(declared) for words in pattern.word_sets()}
     smallest = min(sets, key=len)
@@ -82,7 +83,7 @@ def test_words_that_no_wording_has_lead_to_no_question(declared: Question[Answer
         assert (declared in questions_with_words(rest)) == any(words <= rest for words in sets)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("sentence", "question"),
     [
         ("what is left of fridge", "direction_of"),

@@ -8,6 +8,7 @@ from mindstage import KnowledgeBase, MujocoEngine, Simulation
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.vocabulary import LABEL
 from mindstage.scene import Body, BodyId, GeometrySource, Iri, Pose, World
+from tests.cases import each_case
 
 INVALID = ["", "a b", "<x>", "http://x y", "http://x/{y}", "x\x00", "_:b 1", "\ud800"]
 
@@ -19,7 +20,7 @@ def knowledge() -> KnowledgeBase:
     return knowledge
 
 
-@pytest.mark.parametrize("text", INVALID)
+@each_case("text", INVALID)
 def test_nothing_is_stated_about_a_text_that_is_no_iri(knowledge: KnowledgeBase, text: str) -> None:
     assert knowledge.statements(property=LABEL)
     assert knowledge.statements(property=Iri(text)) == ()
@@ -28,7 +29,7 @@ def test_nothing_is_stated_about_a_text_that_is_no_iri(knowledge: KnowledgeBase,
     assert not knowledge.is_a(text, "Cup") if text else True
 
 
-@pytest.mark.parametrize("text", INVALID)
+@each_case("text", INVALID)
 def test_a_body_whose_class_and_name_are_no_iris_is_simulated(text: str) -> None:
     body = Body(id=BodyId("thing"), iri=Iri(text), cls=Iri(text), pose=Pose((0.0, 0.0, 0.05)), size=(0.1, 0.1, 0.1))
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:

@@ -9,6 +9,7 @@ import pytest
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
+from tests.cases import each_case
 from tests.maps.small_maps import body_turtle, knowledge_base_from, room_map
 
 
@@ -19,7 +20,7 @@ def kitchen() -> KnowledgeBase:
     return kb
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "args", "why"),
     [
         (
@@ -96,7 +97,7 @@ def test_a_question_without_answers_gives_the_missing_statement(
     assert why in answers.missing[0].reason
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("args", "why"),
     [
         ({"thing": "plate_3"}, "plate_3 (Plate) has no door, drawer or lid that a joint moves"),

@@ -20,6 +20,7 @@ from mindstage.knowledge.questions import QuestionContext
 from mindstage.knowledge.sentences import MAX_LENGTH, SentencePattern, is_sentence, sentence_patterns, understand
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
+from tests.cases import each_case
 from tests.maps.small_maps import ROOM_NAMESPACE, body_turtle, room_map
 
 
@@ -330,13 +331,13 @@ def understood_text(knowledge: KnowledgeBase, sentence: str) -> tuple[str, froze
 SENTENCES = UNDERSTOOD | ASKED_IN_A_LAB
 
 
-@pytest.mark.parametrize("sentence", [sentence for sentence, meaning in SENTENCES.items() if meaning])
+@each_case("sentence", [sentence for sentence, meaning in SENTENCES.items() if meaning])
 def test_a_sentence_of_a_lab_is_understood(kitchen: KnowledgeBase, sentence: str) -> None:
     name, *args = SENTENCES[sentence].split(" ")
     assert understood_text(kitchen, sentence) == (name, frozenset(args))
 
 
-@pytest.mark.parametrize("sentence", [sentence for sentence, meaning in SENTENCES.items() if meaning is None])
+@each_case("sentence", [sentence for sentence, meaning in SENTENCES.items() if meaning is None])
 def test_a_wording_that_no_template_has_is_refused_with_the_nearest_questions(
     kitchen: KnowledgeBase, sentence: str
 ) -> None:
@@ -397,8 +398,8 @@ def individual_arguments() -> list[tuple[str, str]]:
     ]
 
 
-@pytest.mark.parametrize("cls", ["MilkCarton"])
-@pytest.mark.parametrize(("name", "argument"), individual_arguments())
+@each_case("cls", ["MilkCarton"])
+@each_case(("name", "argument"), individual_arguments())
 def test_the_answers_for_a_class_are_those_for_its_individuals(
     kitchen: KnowledgeBase, name: str, argument: str, cls: str
 ) -> None:
@@ -441,7 +442,7 @@ def test_too_many_combinations_are_refused_with_their_number(
 # -- names -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "words"),
     [
         ("CowsMilk", ("cow", "milk")),
@@ -671,7 +672,7 @@ def test_names_of_ascii_are_split_as_all_others(text: str) -> None:
     assert list(names._split_words(text)) == list(names._split_any_words(text))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "words"),
     [
         ("FridgeW60H140", ["fridge", "w", "60", "h", "140"]),

@@ -17,6 +17,7 @@ from mindstage.errors import NumberRefusedError, SparqlSyntaxError, SparqlTimeou
 from mindstage.knowledge import KnowledgeBase, sparql_worker
 from mindstage.knowledge.store import QueryWorkerPool
 from mindstage.rdf import RdfTerm
+from tests.cases import each_case
 from tests.maps.small_maps import KNOWROB, XSD
 
 ENDLESS = "SELECT (COUNT(*) AS ?n) WHERE { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -82,7 +83,7 @@ def test_updates_are_refused_by_name(update: str, kb: KnowledgeBase) -> None:
 # -- other servers -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     "query",
     [
         SERVICE,
@@ -101,7 +102,7 @@ def test_service_is_refused_unless_allowed(query: str, kb: KnowledgeBase) -> Non
         kb.sparql(query)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "query",
     [
         'ASK { ?s ?p "SERVICE <x>" }',

@@ -249,13 +249,13 @@ def test_milk_on_the_table_is_misplaced_until_it_is_back(kitchen: KnowledgeBase)
         assert not sim.ask("misplaced", thing="milk_carton_1")
         assert "is where it belongs: on or in fridge" in sim.ask("misplaced", thing="milk_carton_1").missing[0].reason
         before = kitchen.world().body("milk_carton_1").pose
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.85))})))
+        sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.85))})))
         (row,) = sim.ask("misplaced", thing="milk_carton_1")
         assert (names([row], "thing"), [local_name(each) for each in row.now]) == (["milk_carton_1"], ["table"])
         assert [local_name(each) for each in row.homes] == ["fridge"]
         assert row.source == "null"
         assert "milk_carton_1" in names(sim.ask("misplaced", cls="CowsMilk-Product"))
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): before})))
+        sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): before})))
         assert not sim.ask("misplaced", thing="milk_carton_1")
     (missing,) = kitchen.ask("misplaced", thing="room_door").missing
     assert missing.reason.startswith("RoomDoorW90H205 has no ")
@@ -369,7 +369,7 @@ def test_a_body_stays_at_the_free_place(simulated: Simulation, relation: str, su
         engine.restore_state(before)
         return after
 
-    after = simulated.run_on_engine(simulate)
+    after = simulated.engine.run(simulate)
     assert after.position == pytest.approx(row.pose.position, abs=0.004)
     assert abs(np.dot(after.quaternion, row.pose.quaternion)) == pytest.approx(1.0, abs=1e-3)
 

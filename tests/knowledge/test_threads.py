@@ -121,7 +121,7 @@ def test_a_slow_engine_does_not_block_other_questions(kitchen: KnowledgeBase) ->
     with Simulation(kitchen, NullEngine()) as sim, ThreadPoolExecutor(2) as threads:
         sim.spawn()
         busy, free = Event(), Event()
-        held = threads.submit(sim.run_on_engine, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
+        held = threads.submit(sim.engine.run, lambda _: (busy.set(), free.wait(PATIENCE_S)), timeout_s=PATIENCE_S)
         assert busy.wait(PATIENCE_S)
         try:
             waiting = threads.submit(sim.ask, "articulated_parts", thing="fridge")

@@ -19,6 +19,7 @@ from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.engines.scenes import body, world
 from tests.maps.small_maps import KNOWROB, ROOM_NAMESPACE, knowledge_base_from, room_map
 from tests.maps.small_maps import body_turtle as individual
@@ -43,7 +44,7 @@ def relations_of(source: KnowledgeBase | Simulation, **args: object) -> set[tupl
     return {(local_name(row.thing), row.relation.value, local_name(row.other)) for row in rows}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("thing", "relation", "other"),
     [
         ("milk_carton_1", "inside", "fridge"),
@@ -81,7 +82,7 @@ def test_relations_in_the_kitchen_are_as_expected(
     assert (thing, relation, other) in relations_of(kitchen, thing=thing, other=other)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("thing", "relation", "other"),
     [
         ("milk_carton_1", "on", "freezer"),
@@ -149,7 +150,7 @@ def test_a_moved_body_has_its_current_relations_and_the_map_its_own(sim: Simulat
     assert ("plate_3", "on", "table") in relations_of(sim, thing="plate_3")
     top = sim.knowledge.world().body("counter_right").pose.position
     x, y, z = top
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("plate_3"): Pose((x, y, z + 0.032))})))
+    sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("plate_3"): Pose((x, y, z + 0.032))})))
     assert ("plate_3", "on", "counter_right") in relations_of(sim, thing="plate_3")
     assert ("plate_3", "on", "table") not in relations_of(sim, thing="plate_3")
     assert ("plate_3", "on", "table") in relations_of(sim.knowledge, thing="plate_3")
@@ -159,7 +160,7 @@ def test_a_moved_body_has_its_current_relations_and_the_map_its_own(sim: Simulat
 def test_falling_milk_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, MujocoEngine()) as sim:
         sim.spawn()
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.9))})))
+        sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((-0.1, -0.7, 0.9))})))
         assert ("milk_carton_1", "above", "table") in relations_of(sim, thing="milk_carton_1")
         sim.step(1.0)
         assert ("milk_carton_1", "on", "table") in relations_of(sim, thing="milk_carton_1")
@@ -167,7 +168,7 @@ def test_falling_milk_comes_to_rest_on_the_table(kitchen: KnowledgeBase) -> None
 
 
 def test_a_deleted_body_has_no_pose_and_a_spawned_one_has(sim: Simulation) -> None:
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("milk_carton_1"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("milk_carton_1"),))), edits=True)
     answers = sim.ask(where_is, thing="milk_carton_1")
     assert not answers
     assert "milk_carton_1 has no pose" in answers.missing[0].reason

@@ -24,7 +24,7 @@ def fuzz_seeds() -> Iterator[int]:
 
     `MINDSTAGE_FUZZ_S` is the total time of all tests [s], `MINDSTAGE_FUZZ_SEED` the first seed.
     """
-    share = float(os.environ.get("MINDSTAGE_FUZZ_S", "32")) / _TEST_COUNT
+    share = float(os.environ.get("MINDSTAGE_FUZZ_S", "16")) / _TEST_COUNT
     first = int(os.environ.get("MINDSTAGE_FUZZ_SEED", "1"))
     end = time.monotonic() + share
     for number in count(first):

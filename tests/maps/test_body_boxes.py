@@ -19,6 +19,7 @@ from mindstage.maps import SizeFrame, UnitConventions, lost_statements, save_map
 from mindstage.maps.dialects.body_boxes import boxes_with_bounds
 from mindstage.scene import Body, Pose, World, diff
 from mindstage.scene.transforms import normalize, rotation_matrix
+from tests.cases import each_case
 from tests.maps.logged_maps import LoggedBody, individual_id, logged_map, world_bounds_of, yaw
 from tests.maps.small_maps import assert_worlds_equal, knowledge_base_from, knowrob_iri
 
@@ -218,7 +219,7 @@ def test_the_boxes_found_have_the_bounds_that_were_logged(
         assert np.allclose(found[0], box, atol=1e-6)
 
 
-@pytest.mark.parametrize("rotation", Rotation.create_group("O").as_matrix(), ids=str)
+@each_case("rotation", Rotation.create_group("O").as_matrix(), ids=str)
 def test_turns_by_right_angles_permute_the_extents(rotation: np.ndarray) -> None:
     box = np.array([0.06, 0.855, 0.015])
     absolute = np.rint(np.abs(rotation))

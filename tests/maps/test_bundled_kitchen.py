@@ -14,6 +14,7 @@ from pyoxigraph import NamedNode
 
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
+from tests.cases import each_case
 from tests.maps.bundled_classes import OntologyClasses, short_name
 from tests.maps.bundled_scene import HOUSEHOLD, KITCHEN, KITCHEN_NS, KNOWROB, Scene
 
@@ -177,7 +178,7 @@ def test_the_knowledge_base_reads_it_without_a_finding(kitchen: Scene) -> None:
 # ---------------------------------------------------------------------------------------------------- its answers
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("item", "places"),
     [
         ("CowsMilk", {"fridge"}),
@@ -193,7 +194,7 @@ def test_items_have_storage_places(knowledge: OntologyClasses, item: str, places
     assert {each for cls in knowledge.storage_classes_for(item) for each in knowledge.instances(cls)} == places
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("action", "devices"),
     [
         ("BakingFood", {"oven", "hob"}),

@@ -15,6 +15,7 @@ from mindstage.maps.dialects.joints import HingeEvidence, InferredAxis, infer_hi
 from mindstage.scene import AxisMotion, Joint, Pose, World
 from mindstage.scene.joint_kinematics import ObservedBox, axis_ranges
 from mindstage.scene.transforms import Array, quat_rotate, rotation_matrix
+from tests.cases import each_case
 from tests.maps.dialect_maps import check_round_trip, finding_texts, joint_range, knowrob1_map, matrix_turtle
 from tests.maps.small_maps import ReadMap, room_map
 
@@ -63,10 +64,10 @@ def assert_opens(inferred: InferredAxis, place: Place, door: ObservedBox, handle
 SIDES = {"left": (0, 1, 0), "right": (0, -1, 0), "top": (0, 0, 1), "bottom": (0, 0, -1)}
 
 
-@pytest.mark.parametrize("yaw", YAWS)
-@pytest.mark.parametrize("thickness", [0.0, 0.02, 0.06])
-@pytest.mark.parametrize("size", [(0.5, 0.7), (0.6, 0.6), (0.4, 0.5)])
-@pytest.mark.parametrize("side", SIDES)
+@each_case("yaw", YAWS)
+@each_case("thickness", [0.0, 0.02, 0.06])
+@each_case("size", [(0.5, 0.7), (0.6, 0.6), (0.4, 0.5)])
+@each_case("side", SIDES)
 def test_a_door_turns_about_the_edge_opposite_to_its_handle(
     side: str, size: tuple[float, float], thickness: float, yaw: float
 ) -> None:
@@ -82,10 +83,10 @@ def test_a_door_turns_about_the_edge_opposite_to_its_handle(
     assert_opens(inferred, place, door, handle)
 
 
-@pytest.mark.parametrize("yaw", YAWS)
-@pytest.mark.parametrize("corner", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
-@pytest.mark.parametrize("with_handle", [True, False])
-@pytest.mark.parametrize("width", [0.45, 0.52, 0.9])
+@each_case("yaw", YAWS)
+@each_case("corner", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+@each_case("with_handle", [True, False])
+@each_case("width", [0.45, 0.52, 0.9])
 def test_a_tall_door_whose_hinge_is_at_a_corner_turns_about_a_vertical_axis(
     width: float, with_handle: bool, corner: tuple[int, int], yaw: float
 ) -> None:
@@ -105,8 +106,8 @@ def test_a_tall_door_whose_hinge_is_at_a_corner_turns_about_a_vertical_axis(
     assert "tall turns about a vertical axis" in inferred.evidence
 
 
-@pytest.mark.parametrize("yaw", YAWS)
-@pytest.mark.parametrize("side", [1, -1])
+@each_case("yaw", YAWS)
+@each_case("side", [1, -1])
 def test_a_hinge_at_the_corner_next_to_the_handle_turns_about_the_far_edge(side: int, yaw: float) -> None:
     place, half = Place(yaw), np.array([0.0, 0.5, 0.87]) / 2
     door = place.box((0.16, 0.0, 2.3), (0.0, 0.5, 0.87))
@@ -118,8 +119,8 @@ def test_a_hinge_at_the_corner_next_to_the_handle_turns_about_the_far_edge(side:
     assert_opens(inferred, place, door, handle)
 
 
-@pytest.mark.parametrize("yaw", YAWS)
-@pytest.mark.parametrize("leaf", [1, -1])
+@each_case("yaw", YAWS)
+@each_case("leaf", [1, -1])
 def test_two_doors_of_one_casing_turn_about_its_sides(leaf: int, yaw: float) -> None:
     place = Place(yaw)
     casing, door = place.box((0, 0, 1), (0.6, 1.0, 0.8)), place.box((0.31, leaf * 0.25, 1), (0.02, 0.5, 0.8))

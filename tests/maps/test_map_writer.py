@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from mindstage.errors import MapWriteError
 from mindstage.maps import MapFormat, save_map, write_map
 from mindstage.scene import Attachment, BodyId, BodyPhysics, Iri, IriRef, Literal, Pose, PropertyAssertion
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.maps.small_maps import individual, knowledge_base_from
 from tests.maps.test_round_trip import CUP, TABLE, world_of
@@ -36,8 +37,8 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("format", MapFormat)
-@pytest.mark.parametrize("name", REFUSED)
+@each_case("format", MapFormat)
+@each_case("name", REFUSED)
 def test_an_invalid_world_is_refused(name: str, format: MapFormat) -> None:
     world, message = REFUSED[name]
     with pytest.raises(MapWriteError, match=message):

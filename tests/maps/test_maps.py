@@ -9,6 +9,7 @@ import pytest
 from mindstage.errors import AmbiguousMapError, MapNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import MapStatistics
+from tests.cases import each_case
 from tests.maps.small_maps import KNOWROB, body_turtle, individual, knowledge_base_from, room_map, slide_joint
 
 THESIS = {"classes": 64, "individuals": 136, "objects": 114, "constraints": 22, "relations": 55}
@@ -156,9 +157,9 @@ def knowing_findings(path: Path) -> object:
 # -- counted -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["original", "spawned"])
-@pytest.mark.parametrize("with_ontologies", [True, False])
-@pytest.mark.parametrize("bundled", [True, False])
+@each_case("name", ["original", "spawned"])
+@each_case("with_ontologies", [True, False])
+@each_case("bundled", [True, False])
 def test_the_table_of_the_thesis(name: str, with_ontologies: bool, bundled: bool, shared_data: Path) -> None:
     map = shared_data / "maps" / f"iai-kitchen-{name}.owl"
     ontologies = (shared_data / "ontology",) if with_ontologies else ()

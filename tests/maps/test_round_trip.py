@@ -34,6 +34,7 @@ from mindstage.scene import (
     Tag,
     World,
 )
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.maps.small_maps import (
     XSD,
@@ -209,7 +210,7 @@ UNUSUAL = {
 
 
 @each_format
-@pytest.mark.parametrize("name", UNUSUAL)
+@each_case("name", UNUSUAL)
 def test_unusual_worlds_come_back(name: str, format: MapFormat, folder: Path) -> None:
     assert_worlds_equal(UNUSUAL[name], read_back(UNUSUAL[name], folder, format))
 

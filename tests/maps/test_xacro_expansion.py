@@ -12,6 +12,7 @@ import pytest
 
 from mindstage.errors import SourceParseError
 from mindstage.maps.urdf.xacro_expansion import XacroExpander
+from tests.cases import each_case
 
 xacro = pytest.importorskip("xacro")
 
@@ -166,7 +167,7 @@ def test_nothing_is_evaluated_or_opened_by_python(monkeypatch: pytest.MonkeyPatc
     assert 'name="arm_elbow"' in text
 
 
-@pytest.mark.parametrize(
+@each_case(
     "place",
     [
         "<link name='${EXPRESSION}'/>",
@@ -191,7 +192,7 @@ def test_nothing_is_evaluated_or_opened_by_python(monkeypatch: pytest.MonkeyPatc
         "<link name='${xacro.load_yaml(&quot;/units.yaml&quot;)}'/>",
     ],
 )
-@pytest.mark.parametrize(
+@each_case(
     "expression",
     ["[].__class__", "(lambda: 1) and 1 or 2", "__import__", "''.format_map", "10**10**10"],
 )
@@ -242,7 +243,7 @@ EXPONENTIAL = [
 ]
 
 
-@pytest.mark.parametrize("elements", EXPONENTIAL)
+@each_case("elements", EXPONENTIAL)
 def test_growth_without_bounds_is_refused(elements: str) -> None:
     assert refused(elements)
 
@@ -251,7 +252,7 @@ ALIASES = "a0: &a0 [x]\n" + "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9
 MERGES = "a0: &a0 {x: 1}\n" + "".join(f"a{i}: &a{i} {{<<: [{', '.join([f'*a{i - 1}'] * 9)}]}}\n" for i in range(1, 12))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("yaml", "cause"),
     [
         (ALIASES, "characters and elements of a value"),

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.maps.urdf.xacro_expressions import MATH, PYTHON, ExpressionError, Interpreter
+from tests.cases import each_case
 
 VARIABLES: dict[str, Any] = {
     "width": 0.5,
@@ -101,7 +102,7 @@ int('x')
 """.strip().splitlines()
 
 
-@pytest.mark.parametrize("expression", EXPRESSIONS)
+@each_case("expression", EXPRESSIONS)
 def test_an_expression_has_the_value_that_python_gives(expression: str) -> None:
     assert outcome(evaluate, expression) == outcome(eval, expression, dict(PYTHON_NAMES))
 
@@ -282,7 +283,7 @@ x = 1
 """
 
 
-@pytest.mark.parametrize("expression", FORBIDDEN.strip().splitlines())
+@each_case("expression", FORBIDDEN.strip().splitlines())
 def test_there_is_no_way_out_of_an_expression(expression: str) -> None:
     with pytest.raises((ExpressionError, NameError, TypeError, KeyError, SyntaxError)):
         evaluate(expression)
@@ -354,7 +355,7 @@ EXCESSIVE_TEXTS = [
 ]
 
 
-@pytest.mark.parametrize("expression", [*EXCESSIVE.strip().splitlines(), *EXCESSIVE_TEXTS])
+@each_case("expression", [*EXCESSIVE.strip().splitlines(), *EXCESSIVE_TEXTS])
 def test_work_beyond_a_limit_is_refused(expression: str) -> None:
     with pytest.raises(ExpressionError, match=r"more than|nested too deeply|is not supported"):
         evaluate(expression)

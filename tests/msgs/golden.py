@@ -1,4 +1,4 @@
-"""The golden messages in `wire/`, as parameters of tests."""
+"""The golden messages in `wire/`, and which class each is of."""
 
 from __future__ import annotations
 
@@ -6,22 +6,24 @@ import json
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from mindstage.msgs import Message, action_type, message_type, service_type
 
-__all__ = ["cases", "each_case", "each_refused", "part_type"]
+__all__ = ["case_name", "cases", "part_type"]
 
 WIRE = Path(__file__).resolve().parent.parent.parent / "wire"
 
 
-def cases(*, refused: bool = False) -> list[Any]:
+def cases(*, refused: bool = False) -> list[dict[str, Any]]:
     return [
-        pytest.param(case, id=f"{case['type']}.{case['part']}: {case['name']}")
+        case
         for path in sorted(WIRE.glob("*.json"))
         if (path.stem == "refused") == refused
         for case in json.loads(path.read_text(encoding="utf-8"))
     ]
+
+
+def case_name(case: dict[str, Any]) -> str:
+    return f"{case['type']}.{case['part']}: {case['name']}"
 
 
 def part_type(case: dict[str, Any]) -> type[Message]:
@@ -32,7 +34,3 @@ def part_type(case: dict[str, Any]) -> type[Message]:
             return getattr(service_type(case["type"]), part)
         case part:
             return getattr(action_type(case["type"]), part)
-
-
-each_case = pytest.mark.parametrize("case", cases())
-each_refused = pytest.mark.parametrize("case", cases(refused=True))

@@ -9,6 +9,7 @@ import pytest
 
 from mindstage.msgs import RosVersion, message_type, service_type
 from mindstage.msgs.schema.base import constants_of, fields_of, struct_of, type_name
+from tests.cases import each_case
 
 # As `rosmsg md5` and `rossrv md5` print them in ROS Noetic.
 CHECKSUMS = {
@@ -62,7 +63,7 @@ def _checksum(cls: Any) -> str:
     return hashlib.md5(_text(cls).encode()).hexdigest()
 
 
-@pytest.mark.parametrize("name", CHECKSUMS)
+@each_case("name", CHECKSUMS)
 def test_a_message_has_the_checksum_of_its_package(name: str) -> None:
     assert _checksum(message_type(name)) == CHECKSUMS[name]
 

@@ -43,19 +43,21 @@ def parsed(text: str, name: str) -> tuple[dict[str, Any], dict[str, tuple[str, i
     return {constant: value for constant, _, value in constants}, found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.parent.name}/{path.name}")
-def test_a_parser_of_ros_finds_the_fields_and_constants_of_the_generated_class(path: Path) -> None:
-    sections = path.read_text(encoding="utf-8").split("\n---\n")
-    package, types = path.parent.parent.name, classes(path)
-    assert len(sections) == len(types)
-    for text, cls in zip(sections, types, strict=True):
-        constants, fields = parsed(text, f"{package}/msg/{path.stem}")
-        strings = {name: value for name, value in vars(struct_of(cls)).items() if name.isupper()}
-        assert constants == {**dict(constants_of(cls)), **strings}
-        assert fields == {
-            field.name: (field.primitive or message_name(field.message), field.length) for field in fields_of(cls)
-        }
-        assert list(fields) == [field.name for field in fields_of(cls)]
+def test_a_parser_of_ros_finds_the_fields_and_constants_of_the_generated_class(subtests: pytest.Subtests) -> None:
+    for path in FILES:
+        with subtests.test(f"{path.parent.parent.name}/{path.name}"):
+            sections = path.read_text(encoding="utf-8").split("\n---\n")
+            package, types = path.parent.parent.name, classes(path)
+            assert len(sections) == len(types)
+            for text, cls in zip(sections, types, strict=True):
+                constants, fields = parsed(text, f"{package}/msg/{path.stem}")
+                strings = {name: value for name, value in vars(struct_of(cls)).items() if name.isupper()}
+                assert constants == {**dict(constants_of(cls)), **strings}
+                assert fields == {
+                    field.name: (field.primitive or message_name(field.message), field.length)
+                    for field in fields_of(cls)
+                }
+                assert list(fields) == [field.name for field in fields_of(cls)]
 
 
 def message_name(cls: Any) -> str:

@@ -19,50 +19,54 @@ from mindstage.msgs import (
     std_msgs,
     world_control_msgs,
 )
-from tests.msgs.golden import cases, each_case, each_refused, part_type
+from tests.msgs.golden import case_name, cases, part_type
 
 
 def as_json(value: object) -> Any:
     return json.loads(json.dumps(value))
 
 
-@each_case
-def test_a_golden_message_survives_a_round_trip(case: dict[str, Any]) -> None:
-    message = decode(part_type(case), case["json"], strict=True)
-    assert as_json(encode(message)) == case["json"]
+def test_a_golden_message_survives_a_round_trip(subtests: pytest.Subtests) -> None:
+    for case in cases():
+        with subtests.test(case_name(case)):
+            message = decode(part_type(case), case["json"], strict=True)
+            assert as_json(encode(message)) == case["json"]
 
 
-@each_case
-def test_every_format_is_decoded_to_the_same_message(case: dict[str, Any]) -> None:
-    cls = part_type(case)
-    message = decode(cls, case["json"])
-    for other in [case.get("ros1", case["json"]), *case.get("also_read", [])]:
-        assert decode(cls, other, strict=True) == message
-    ros1 = case.get("ros1_less") or case.get("ros1", case["json"])
-    assert as_json(encode(message, ros=RosVersion.ONE)) == ros1
-    decode(cls, ros1, strict=True)
+def test_every_format_is_decoded_to_the_same_message(subtests: pytest.Subtests) -> None:
+    for case in cases():
+        with subtests.test(case_name(case)):
+            cls = part_type(case)
+            message = decode(cls, case["json"])
+            for other in [case.get("ros1", case["json"]), *case.get("also_read", [])]:
+                assert decode(cls, other, strict=True) == message
+            ros1 = case.get("ros1_less") or case.get("ros1", case["json"])
+            assert as_json(encode(message, ros=RosVersion.ONE)) == ros1
+            decode(cls, ros1, strict=True)
 
 
-@each_refused
-def test_invalid_messages_are_rejected_with_the_path(case: dict[str, Any]) -> None:
-    with pytest.raises(MessageValidationError) as refused:
-        decode(part_type(case), case["json"], strict=case["mode"] == "strict")
-    assert refused.value.path == case["path"]
-    assert refused.value.cause.startswith(case["cause"])
-    assert f"{case['path']}: {case['cause']}".removeprefix(": ") in str(refused.value)
+def test_invalid_messages_are_rejected_with_the_path(subtests: pytest.Subtests) -> None:
+    for case in cases(refused=True):
+        with subtests.test(case_name(case)):
+            with pytest.raises(MessageValidationError) as refused:
+                decode(part_type(case), case["json"], strict=case["mode"] == "strict")
+            assert refused.value.path == case["path"]
+            assert refused.value.cause.startswith(case["cause"])
+            assert f"{case['path']}: {case['cause']}".removeprefix(": ") in str(refused.value)
 
 
-@each_refused
-def test_missing_fields_are_rejected_in_strict_mode_only(case: dict[str, Any]) -> None:
-    if case["mode"] == "strict":
-        decode(part_type(case), case["json"])
-    else:
-        with pytest.raises(MessageValidationError):
-            decode(part_type(case), case["json"], strict=True)
+def test_missing_fields_are_rejected_in_strict_mode_only(subtests: pytest.Subtests) -> None:
+    for case in cases(refused=True):
+        with subtests.test(case_name(case)):
+            if case["mode"] == "strict":
+                decode(part_type(case), case["json"])
+            else:
+                with pytest.raises(MessageValidationError):
+                    decode(part_type(case), case["json"], strict=True)
 
 
 def test_every_request_and_response_has_a_golden_message() -> None:
-    shown = {(case.values[0]["type"], case.values[0]["part"]) for case in cases()}
+    shown = {(case["type"], case["part"]) for case in cases()}
     packages = (
         "world_control_msgs",
         "unreal_vis_msgs",
@@ -81,7 +85,7 @@ def test_every_request_and_response_has_a_golden_message() -> None:
 
 
 def test_the_golden_pose_has_the_expected_values() -> None:
-    (case,) = (case.values[0] for case in cases() if case.values[0]["name"] == "an asymmetric pose")
+    (case,) = (case for case in cases() if case["name"] == "an asymmetric pose")
     assert decode(geometry_msgs.Pose, case["json"]) == geometry_msgs.Pose(
         position=geometry_msgs.Point(x=1.0, y=2.0, z=3.0),
         orientation=geometry_msgs.Quaternion(x=0.0, y=0.0, z=sin(radians(15.0)), w=cos(radians(15.0))),
@@ -89,7 +93,7 @@ def test_the_golden_pose_has_the_expected_values() -> None:
 
 
 def test_the_golden_mug_has_the_expected_values() -> None:
-    (case,) = (case.values[0] for case in cases() if case.values[0]["name"] == "a mug")
+    (case,) = (case for case in cases() if case["name"] == "a mug")
     request = decode(world_control_msgs.SpawnModel.Request, case["json"], strict=True)
     assert request.id == "mug"
     assert request.tags == (

@@ -14,13 +14,14 @@ from mindstage.errors import PrologGoalError, PrologTimeoutError, PrologUnavaila
 from mindstage.prolog import PrologConsole
 from mindstage.prolog.swipl import Compound
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 
 
 def test_solutions_come_in_prolog_s_order(kitchen: PrologConsole) -> None:
     assert kitchen.solutions("member(X, [c, a, b]), _Hidden = 1.") == [{"X": "c"}, {"X": "a"}, {"X": "b"}]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("value", "expected"),
     [
         ("atom", "atom"),
@@ -100,7 +101,7 @@ def test_a_goal_has_a_time_limit(goal: str, kitchen: PrologConsole) -> None:
     assert kitchen.holds("true")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("goal", "message"),
     [
         ("foo(", "Syntax error"),

@@ -14,6 +14,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import write_map
 from mindstage.prolog import PrologConsole
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import MAP, kitchenette
 from tests.knowledge.test_episode_graphs import EVENTS, recording
 
@@ -74,15 +75,15 @@ def test_tasks_have_roles_of_the_participants(console: PrologConsole) -> None:
     assert {(short(row["E"]), row["A"]) for row in rows} == {("PickingUp_1", "viewer"), ("Opening_1", MAP + "Mug")}
 
 
-@pytest.mark.parametrize("a", EVENTS, ids=lambda each: each.id)
-@pytest.mark.parametrize("b", EVENTS, ids=lambda each: each.id)
+@each_case("a", EVENTS, ids=lambda each: each.id)
+@each_case("b", EVENTS, ids=lambda each: each.id)
 def test_relations_of_events_are_those_of_allen(console: PrologConsole, a: object, b: object) -> None:
     one, other = (Interval(each.begin_s, 3.0 if each.end_s is None else each.end_s) for each in (a, b))  # type: ignore[attr-defined]
     found = console.solutions(f"temporal_relation('{a.id}', '{b.id}', R)")  # type: ignore[attr-defined]
     assert [row["R"] for row in found] == ([] if a is b else [allen_relation(one, other).value])
 
 
-@pytest.mark.parametrize("relation", AllenRelation)
+@each_case("relation", AllenRelation)
 def test_every_relation_is_a_predicate_of_intervals(console: PrologConsole, relation: AllenRelation) -> None:
     times = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (0, 3), (2, 4), (3, 4)]
     related = {(a, b) for a in times for b in times if allen_relation(Interval(*a), Interval(*b)) is relation}

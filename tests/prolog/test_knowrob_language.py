@@ -11,6 +11,7 @@ from mindstage.errors import PrologGoalError
 from mindstage.prolog import PrologConsole
 from mindstage.scene.colors import COLORS
 from mindstage.simulation import MarkerType, Simulation
+from tests.cases import each_case
 from tests.prolog.test_cli import run
 from tests.prolog.test_knowrob_predicates import values
 
@@ -131,7 +132,7 @@ def test_what_cannot_be_told_is_an_error(console: PrologConsole) -> None:
 # -- descriptions ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("description", "found"),
     [
         ("[an, object, [type, milk]]", {"milk_carton_1", "milk_carton_2"}),
@@ -166,7 +167,7 @@ def test_variables_in_a_description_are_bound(kitchen: PrologConsole) -> None:
     assert row["P"] == [-1.567, 1.5, 1.6]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("description", "why"),
     [
         ("[an, object, [type, flubber]]", "flubber"),
@@ -234,7 +235,7 @@ def test_predicates_of_the_table_can_be_called(kitchen: PrologConsole) -> None:
     assert [(row["Name"], row["Arity"]) for row in kitchen.solutions(goal)] == []
 
 
-@pytest.mark.parametrize("predicate", [name for name, status, _ in ROWS if status == "not here"])
+@each_case("predicate", [name for name, status, _ in ROWS if status == "not here"])
 def test_predicates_that_are_not_here_say_why(predicate: str, kitchen: PrologConsole) -> None:
     name, arity = predicate.split("/")
     call = f"functor(Goal, {name}, {arity}), catch(Goal, error(existence_error(procedure, Which), _), true)"

@@ -194,7 +194,7 @@ def test_joints_have_poses(kitchen: PrologConsole, world: World) -> None:
 def test_the_present_is_that_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
     assert console.holds("spawn_semantic_map(_)")
     moved = Pose((0.5, -0.25, 3.0), (0.0, 0.0, 0.0, 1.0))
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): moved})), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): moved})), edits=True)
     (row,) = console.solutions("is_at(milk_carton_1, [map, Position, Quaternion])")
     assert row["Position"] == [0.5, -0.25, 3.0]
     assert row["Quaternion"] == pytest.approx([0.0, 0.0, 1.0, 0.0])

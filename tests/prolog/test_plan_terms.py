@@ -12,6 +12,7 @@ from mindstage.imagination.plans import Attach, ChangePhysics, Close, Detach, Pe
 from mindstage.prolog.plan_predicates import check_from_term, plan_from_term, skill_from_term, trial_options
 from mindstage.prolog.swipl import Atom, Compound, Value
 from mindstage.scene import Pose
+from tests.cases import each_case
 
 MUG, TABLE = Atom("mug"), Atom("table")
 
@@ -26,7 +27,7 @@ def steps_of(value: Value) -> tuple[PlanStep, ...]:
     return plan.steps
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("value", "step"),
     [
         (term("wait", 2), Wait(duration_s=2.0)),
@@ -72,7 +73,7 @@ def test_a_text_is_a_plan_in_json_or_yaml() -> None:
     assert found.plan.steps == (Wait(duration_s=4.0),)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("value", "message"),
     [
         ([], "the plan: .* is neither a list of steps nor a text"),
@@ -100,7 +101,7 @@ def test_what_is_no_plan_is_named_with_the_number_of_its_step(value: Value, mess
         plan_from_term(value)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("value", "expected"),
     [
         ([], {"budget_s": 20.0, "uncertainty": []}),
@@ -133,7 +134,7 @@ def test_options_have_their_values(value: Value, expected: dict[str, Any]) -> No
     assert trial_options(value, "evaluate_plan") == expected
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("value", "message"),
     [
         (MUG, "evaluate_plan: mug is no option; there is samples"),

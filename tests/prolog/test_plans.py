@@ -15,6 +15,7 @@ from mindstage.prolog.plan_predicates import check_from_term, plan_from_term
 from mindstage.prolog.swipl import Atom, Compound
 from mindstage.scene import Pose, diff
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 
@@ -75,7 +76,7 @@ def test_options_give_samples_uncertainty_and_a_check(console: PrologConsole) ->
     assert console.holds(f"evaluate_plan([place('Mug', on('Fridge'))], verdict(failed, _, _, _), [{check}])")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("goal", "message"),
     [
         ("evaluate_plan([open('Nonsense')], _)", r"steps\[0\]\.thing: .*'Nonsense'"),

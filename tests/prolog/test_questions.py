@@ -10,6 +10,7 @@ from mindstage.errors import PrologGoalError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import Question, list_questions
 from mindstage.prolog import PrologConsole
+from tests.cases import each_case
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
@@ -23,7 +24,7 @@ def variables(number: int) -> str:
     return ", ".join(f"V{at}" for at in range(number))
 
 
-@pytest.mark.parametrize("question", list_questions(), ids=lambda question: question.name)
+@each_case("question", list_questions(), ids=lambda question: question.name)
 def test_a_question_answers_as_many_rows_as_it_does_in_python(
     question: Question[Any], kitchen: PrologConsole, kitchen_knowledge: KnowledgeBase
 ) -> None:
@@ -39,9 +40,9 @@ def test_the_arguments_alone_are_a_predicate_too_with_the_map_first(kitchen: Pro
     assert values(kitchen, "storage_place('CowsMilk', X)") == [f"{KNOWROB}Refrigerator"]
 
 
-@pytest.mark.parametrize("map", ["_", "kitchen:kitchen"])
-@pytest.mark.parametrize("thing", ["_", "kitchen:fridge_door"])
-@pytest.mark.parametrize("handle", ["_", "kitchen:fridge_door_handle"])
+@each_case("map", ["_", "kitchen:kitchen"])
+@each_case("thing", ["_", "kitchen:fridge_door"])
+@each_case("handle", ["_", "kitchen:fridge_door_handle"])
 def test_any_argument_may_be_bound_or_free(
     map: str, thing: str, handle: str, kitchen: PrologConsole, kitchen_knowledge: KnowledgeBase
 ) -> None:
@@ -66,7 +67,7 @@ def test_columns_that_are_no_arguments_may_be_bound(kitchen: PrologConsole) -> N
     ]
 
 
-@pytest.mark.parametrize(
+@each_case(
     "goal",
     [
         "handle_of(M, D, _), individual_of_class(M, 'Door', D), !",
@@ -99,7 +100,7 @@ def test_names_are_local_names_prefixed_names_or_iris(name: str, kitchen: Prolog
     assert values(kitchen, f"storage_place({name}, X)") == [f"{KNOWROB}Refrigerator"]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("term", "printed"),
     [
         ("knowrob:'Handle'", "knowrob:'Handle'"),
@@ -131,7 +132,7 @@ def test_an_unknown_name_fails_and_is_warned_about_once(
     assert capfd.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("goal", "kind"),
     [
         ("ask_sentence('where is the left drawer', _)", "AmbiguousSentenceError"),

@@ -18,6 +18,7 @@ from mindstage.knowledge.assertion_file import TripleStoreView
 from mindstage.prolog import PrologConsole
 from mindstage.rdf import RdfTerm
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 
 EXAMPLE = "http://example.org/e#"
 OWL = "http://www.w3.org/2002/07/owl#"
@@ -217,7 +218,7 @@ def test_a_store_that_is_too_large_is_asked_instead(console: PrologConsole, monk
         console.holds("rdf(_, _, _, _)")
 
 
-@pytest.mark.parametrize(("what", "ours", "theirs"), GOALS, ids=[what for what, _, _ in GOALS])
+@each_case(("what", "ours", "theirs"), GOALS, ids=[what for what, _, _ in GOALS])
 def test_the_goals_of_the_benchmark_have_as_many_answers_as_in_swi_prolog(
     what: str, ours: str, theirs: str, kitchen: PrologConsole
 ) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from mindstage.errors import PrologGoalError
 from mindstage.prolog import PrologConsole
+from tests.cases import each_case
 from tests.cli.runner import map_text
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
@@ -30,7 +31,7 @@ def test_triples_are_found_from_any_end(kitchen: PrologConsole) -> None:
     assert len(values(kitchen, "rdf(X, _, _)")) > 5000
 
 
-@pytest.mark.parametrize(
+@each_case(
     "goal",
     [
         "rdf(M, P, literal(type(_, Text)))",

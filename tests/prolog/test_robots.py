@@ -17,6 +17,7 @@ from mindstage.robots import find_robot
 from mindstage.robots.skill_declaration import ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 
@@ -107,7 +108,7 @@ def test_plans_may_contain_skills(console: PrologConsole) -> None:
     assert console.holds("evaluate_plan([perform(mobile_manipulator, pick('Drawer'))], verdict(failed, _, _, _))")
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("goal", "message"),
     [
         ("perform(fly('Mug'), R)", "there is no skill 'fly'"),

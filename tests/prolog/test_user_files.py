@@ -9,6 +9,7 @@ import pytest
 
 from mindstage.errors import PrologGoalError
 from mindstage.prolog import PrologConsole
+from tests.cases import each_case
 
 KITCHEN = "http://mindstage.org/maps/kitchen.owl#"
 KNOWROB = "http://knowrob.org/kb/knowrob.owl#"
@@ -319,7 +320,7 @@ def test_unknown_prefixes_are_expanded_when_the_goal_runs(console: PrologConsole
 # -- predicates --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("goal", "expected"),
     [
         ("rdf_split_url(N, X, knowrob:'Door')", "Door"),

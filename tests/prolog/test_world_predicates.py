@@ -147,7 +147,7 @@ def test_bodies_that_do_not_exist_cannot_be_highlighted(
 def test_questions_use_the_current_state_of_the_simulation(console: PrologConsole, simulation: Simulation) -> None:
     inside = "where_is(_, milk_carton_1, inside, fridge)"
     assert console.holds(f"spawn_semantic_map(_), {inside}")
-    simulation.run_on_engine(
+    simulation.engine.run(
         lambda engine: engine.apply(SetPoses({BodyId("milk_carton_1"): Pose((0.0, 0.0, 5.0))})), edits=True
     )
     assert not console.holds(inside)

@@ -8,6 +8,7 @@ import pytest
 from mindstage.maps.rdf_mapping.nested import MAX_NESTING, nest_blank_nodes
 from mindstage.rdf.graphs import Graph, graph_from_quads
 from mindstage.scene import BlankNode, FactValue, Iri, IriRef, Literal, PropertyAssertion
+from tests.cases import each_case
 
 XSD = "http://www.w3.org/2001/XMLSchema#"
 PREFIXES = f"@prefix e: <http://e#> . @prefix xsd: <{XSD}> . "
@@ -27,7 +28,7 @@ def only_value(statements: Graph, subject: Iri) -> FactValue:
     return fact.value
 
 
-@pytest.mark.parametrize("text", ["177.512833", "0.0", "-0.000000", "1E+03", "007", " 1 "])
+@each_case("text", ["177.512833", "0.0", "-0.000000", "1E+03", "007", " 1 "])
 def test_numbers_keep_their_text(text: str) -> None:
     assert only_value(graph(f'e:a e:b "{text}"^^xsd:float .'), e("a")) == Literal(text, Iri(XSD + "float"))
 

@@ -12,6 +12,7 @@ from mindstage.rendering.annotations import Outline, annotate
 from mindstage.rendering.camera import CameraPose, ViewFrame
 from mindstage.rendering.render_scene import RenderLabel, RenderScene
 from mindstage.scene import BodyId, Vector
+from tests.cases import each_case
 
 WIDTH, HEIGHT = 160, 120
 CAMERA = CameraPose((0.0, -10.0, 1.0), (0.0, 0.0, 1.0), math.radians(60))
@@ -50,7 +51,7 @@ def mask(left: int, upper: int, right: int, lower: int) -> NDArray[np.bool_]:
 # -- the camera --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("camera", "point", "expected"),
     [
         (CAMERA, (0.0, 0.0, 1.0), (80.0, 60.0, 10.0)),
@@ -165,7 +166,7 @@ def test_labels_at_one_point_cover_no_other_and_the_nearest_is_there() -> None:
     assert right == wide, "the word that is longest"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("point", "depth", "is_shown"),
     [
         ((0.0, 0.0, 1.0), 100.0, True),

@@ -21,6 +21,7 @@ from mindstage.rendering.camera import (
 from mindstage.rendering.render_scene import find_culled
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.scene.transforms import pose_array
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.viewer.page_tab import to_picture
 
@@ -62,7 +63,7 @@ def furniture() -> np.ndarray:
     return corners(pose_array(body_.pose for body_ in bodies), np.array([body_.size for body_ in bodies]))
 
 
-@pytest.mark.parametrize("aspect", [0.46, 0.75, 1.0, 1.33, 1.78, 2.4])
+@each_case("aspect", [0.46, 0.75, 1.0, 1.33, 1.78, 2.4])
 def test_the_furniture_fills_windows_of_any_aspect_ratio(aspect: float) -> None:
     seen = in_picture(view_of(kitchenette(), aspect), furniture(), aspect)
     assert np.abs(seen).max() < 1.0

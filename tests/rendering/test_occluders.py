@@ -8,12 +8,13 @@ import pytest
 from mindstage.rendering.camera import find_occluders
 from mindstage.scene import Pose
 from mindstage.scene.transforms import pose_array
+from tests.cases import each_case
 
 EYE = np.array([0.0, 0.0, 1.0])
 LIT = np.array([0])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("position", "size", "hides"),
     [
         pytest.param((2.0, 0.0, 1.0), (0.1, 1.0, 1.0), True, id="before it"),

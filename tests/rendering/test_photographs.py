@@ -38,7 +38,9 @@ def test_pictures_of_mujoco_are_as_the_references(name: str, request: pytest.Fix
     assert picture_similarity(picture, read_picture(reference_path(name, "mujoco"))) > LEAST_SIMILARITY
 
 
-@each_map
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if MAPS[name].startswith("maps/") else []) for name in MAPS]
+)
 def test_path_traced_pictures_are_as_the_references(name: str, request: pytest.FixtureRequest) -> None:
     pytest.importorskip("mitsuba", reason="needs the extra render")
     with photographed(name, samples_of(name, request)) as sim:

@@ -16,6 +16,7 @@ from mindstage.rendering.rasterizer import render_picture, sun_direction
 from mindstage.rendering.render_scene import RenderItem, RenderLabel, RenderLight, RenderScene
 from mindstage.scene import BodyId, LightType, PbrMaterial, Pose, Vector, VisualMesh
 from mindstage.scene.mesh import box
+from tests.cases import each_case
 
 SIZE = (240, 160)
 CAMERA = CameraPose((0.0, -4.0, 3.0), (0.0, 0.0, 0.3), 0.6)
@@ -53,8 +54,8 @@ def around(picture: NDArray[np.uint8], at: Vector) -> NDArray[np.float64]:
     return mean
 
 
-@pytest.mark.parametrize("extent", [1.0, 12.0, 80.0])
-@pytest.mark.parametrize("azimuth", [0.0, 1.8, 3.6])
+@each_case("extent", [1.0, 12.0, 80.0])
+@each_case("azimuth", [0.0, 1.8, 3.6])
 def test_surfaces_have_no_dots_of_their_own_shadow(extent: float, azimuth: float) -> None:
     distance = 2.2 * extent
     eye = (distance * np.cos(azimuth), distance * np.sin(azimuth), 1.3 * extent)
@@ -196,7 +197,7 @@ def sides(yaw: float) -> list[NDArray[np.float64]]:
     return [*(each for each in normals if each @ eye > 0.9), np.array([0.0, 0.0, 1.0])]
 
 
-@pytest.mark.parametrize("yaw", [-0.6, -0.25, 0.25, 0.6, 2.2])
+@each_case("yaw", [-0.6, -0.25, 0.25, 0.6, 2.2])
 def test_a_side_is_brighter_the_more_it_faces_the_sun(yaw: float) -> None:
     sun = sun_direction(CAMERA)
     picture = render_picture(scene(turned_block(yaw)), SIZE)

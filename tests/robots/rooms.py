@@ -62,7 +62,7 @@ def robot_in(
 def contacts_with(robot: Robot, ids: set[str]) -> list[Contact]:
     """The present contacts of a robot with some bodies."""
     own = set(robot.link_ids.values())
-    contacts = robot.session.run_on_engine(lambda engine: engine.contacts())
+    contacts = robot.session.engine.run(lambda engine: engine.contacts())
     return [each for each in contacts if (each.a in own and each.b in ids) or (each.b in own and each.a in ids)]
 
 

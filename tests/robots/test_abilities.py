@@ -35,6 +35,7 @@ from mindstage.robots.self_models import add_self_model, component_class, read_s
 from mindstage.robots.skill_declaration import SkillNeed
 from mindstage.robots.skills import skill_specs
 from mindstage.scene import IDENTITY
+from tests.cases import each_case
 
 SELF_MODEL = """<?xml version="1.0"?>
 <!DOCTYPE rdf:RDF [
@@ -420,7 +421,7 @@ FETCHING = {"FetchingSomething", "StoringSomething", "CarryingWhileLocomoting"}
 EVERYTHING = DRIVING | LOOKING | REACHING | GRASPING | OPENING | FETCHING
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("name", "able"),
     [
         ("panda", REACHING | GRASPING | OPENING),  # on a table, without a camera

@@ -8,7 +8,7 @@ import pytest
 import mindstage as ms
 from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.planning import plan_line
+from mindstage.robots.planning import plan_path
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.scene import BodyId, Mobility, Pose
 from mindstage.scene.edits import Attach, SetPoses
@@ -126,10 +126,10 @@ def test_what_is_attached_to_the_hand_collides_too() -> None:
         joints, state = robot.model.arms[0].joints, reaching(robot, x + 0.1, y, z)
         assert CollisionChecker(robot, joints=joints, ignore={BodyId("rod")}).find_at(state) is None
         grip = robot.link_ids["gripper_link"]
-        robot.session.run_on_engine(
+        robot.session.engine.run(
             lambda engine: engine.apply(SetPoses({BodyId("rod"): Pose((x + 0.1, y, z))})), edits=True
         )
-        robot.session.run_on_engine(lambda engine: engine.apply(Attach(grip, BodyId("rod"))), edits=True)
+        robot.session.engine.run(lambda engine: engine.apply(Attach(grip, BodyId("rod"))), edits=True)
         holding = CollisionChecker(robot, joints=joints)
         assert holding.find_at(reaching(robot, x, y, z + 0.05)) is None
         found = holding.find_at(state)
@@ -145,7 +145,7 @@ def test_a_thing_held_by_friction_moves_with_the_hand() -> None:
     with robot_in(carton, table) as robot:
         assert robot.run(robot.gripping("gripper", 0.12))
         assert robot.run(robot.moving_to(reaching(robot, x - 0.25, y, z)))
-        assert robot.run(robot.following(plan_line(robot, "", Pose(HAND), touch={BodyId("carton")})))
+        assert robot.run(robot.following(plan_path(robot, "", [Pose(HAND)], touch={BodyId("carton")})))
         assert robot.run(robot.gripping("gripper", 0.0))
         assert robot.held == {"gripper": "carton"}
         checker = CollisionChecker(robot, joints=robot.model.arms[0].joints)
@@ -187,7 +187,7 @@ def test_what_rests_in_a_drawer_moves_with_it_and_what_stands_above_does_not() -
     with ms.open("bundled:kitchen") as sim:
         drawer = sim.joint("drawer_right_1")
         sim.step(0.5)
-        contacts = sim.run_on_engine(lambda engine: ContactModel(engine.compiled(), moving=()))
+        contacts = sim.engine.run(lambda engine: ContactModel(engine.compiled(), moving=()))
 
         def positions(*ids: str) -> np.ndarray:
             return np.array([contacts.pose(BodyId(id))[:3] for id in ids])

@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mindstage.robots.base_motion import differential_path, rotated, wrapped
-from mindstage.robots.drives import BaseDrive, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.base_motion import differential_path, rotated
+from mindstage.robots.drives import BaseDrive
+from mindstage.robots.floor_poses import planar_inverse, planar_multiply, wrapped, yaw_of
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import normalized_pose_array
+from tests.cases import each_case
 
 Planar = tuple[float, float, float]
 coordinates = st.integers(-30, 30).map(lambda value: value / 10)
@@ -43,7 +45,7 @@ def test_a_pose_times_its_inverse_is_nothing_on_both_sides(pose: Planar) -> None
         assert product == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("quaternion", "yaw"),
     [
         ((1.0, 0.0, 0.0, 0.0), 0.0),
@@ -132,7 +134,7 @@ def test_every_part_of_a_path_is_a_turn_or_straight_and_all_places_are_reached(p
     assert all(abs(after[2] - before[2]) <= math.pi + 1e-9 for before, after in pairwise(path)), "the shorter way"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("points", "expected"),
     [
         ([(0, 0, 0), (1, 0, 0)], [(0, 0, 0), (1, 0, 0)]),

@@ -11,7 +11,8 @@ import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.robots.planning import find_arm, interpolated, plan_arm, plan_line, plan_path
+from mindstage.robots.arm_paths import interpolated_poses
+from mindstage.robots.planning import find_arm, plan_arm, plan_path
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.search_limits import SearchLimit
@@ -178,7 +179,7 @@ def test_a_line_is_straight_and_slow() -> None:
     with robot_in() as robot:
         assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))
         start, end = robot.grasp_pose("gripper"), np.array([*RIGHT, cos(0.3), 0.0, sin(0.3), 0.0])
-        trajectory = plan_line(robot, "", end, max_velocity=0.1)
+        trajectory = plan_path(robot, "", [end], max_velocity=0.1)
         poses = tips(robot, trajectory)
         direction = (end[:3] - start[:3]) / np.linalg.norm(end[:3] - start[:3])
         away = poses[:, :3] - start[:3]
@@ -189,15 +190,17 @@ def test_a_line_is_straight_and_slow() -> None:
         steps = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
         assert steps.max() / (trajectory.duration_s / len(steps)) < 0.11
         for share, row in ((0.25, 50), (0.5, 100), (0.75, 150)):  # the rotation is even
-            expected = interpolated(start, end, float(away[row] @ direction) / length)
-            assert quat_angle(poses[row, 3:], expected[3:]) < 0.03, share
+            moved = float(away[row] @ direction) / length
+            assert quat_angle(start[3:], poses[row, 3:]) == pytest.approx(
+                moved * quat_angle(start[3:], end[3:]), abs=0.03
+            ), share
         assert robot.run(robot.following(trajectory))
 
 
 def test_a_line_is_in_the_frame_of_the_world_wherever_the_robot_stands() -> None:
     with robot_in(at=(1.0, -2.0, 0.7)) as robot:
         end = robot.grasp_pose("gripper") + np.array([0.0, 0.0, 0.08, 0.0, 0.0, 0.0, 0.0])
-        assert robot.run(robot.following(plan_line(robot, "", end)))
+        assert robot.run(robot.following(plan_path(robot, "", [end])))
         found = robot.grasp_pose("gripper")
         assert found[:3] == pytest.approx(end[:3], abs=0.005)
         assert quat_angle(found[3:], end[3:]) < 0.02
@@ -207,16 +210,16 @@ def test_a_line_through_a_wall_is_refused_with_its_name() -> None:
     with robot_in(WALL) as robot:
         assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))
         with pytest.raises(UnreachableError, match="on the line there") as caught:
-            plan_line(robot, "", Pose(RIGHT))
+            plan_path(robot, "", [Pose(RIGHT)])
         assert caught.value.obstacle == "wall"
-        assert plan_line(robot, "", Pose(RIGHT), ignore={BodyId("wall")}).duration_s > 1.0
+        assert plan_path(robot, "", [Pose(RIGHT)], ignore={BodyId("wall")}).duration_s > 1.0
 
 
 def test_a_line_beyond_reach_is_refused_with_the_limit() -> None:
     with robot_in() as robot:
         assert robot.run(robot.following(plan_arm(robot, "", Pose(LEFT))))
         with pytest.raises(UnreachableError, match=r"missing|beyond"):
-            plan_line(robot, "", Pose((1.6, 0.25, 0.9)))
+            plan_path(robot, "", [Pose((1.6, 0.25, 0.9))])
 
 
 def test_the_arc_of_a_handle_is_followed() -> None:
@@ -249,13 +252,13 @@ def test_a_free_axis_lets_the_hand_turn() -> None:
         assert turned[1] < 0.2
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_interpolated_rotations_turn_evenly(share: float) -> None:
+def test_interpolated_rotations_turn_evenly() -> None:
     a = normalized_pose_array(Pose((0.0, 0.0, 0.0)))
     b = normalized_pose_array(Pose((1.0, 2.0, 3.0), (-cos(0.7), 0.0, 0.0, -sin(0.7))))  # the same as turned by 1.4
-    found = interpolated(a, b, share)
-    assert found[:3] == pytest.approx(share * b[:3])
-    assert found[3:] == pytest.approx([cos(0.7 * share), 0.0, 0.0, sin(0.7 * share)])
+    found = interpolated_poses(a, b)
+    for share, pose in zip(np.linspace(0.0, 1.0, len(found)).tolist(), found, strict=True):
+        assert pose[:3] == pytest.approx(share * b[:3])
+        assert pose[3:] == pytest.approx([cos(0.7 * share), 0.0, 0.0, sin(0.7 * share)])
 
 
 def test_motions_are_planned_in_the_world_of_an_engine_without_physics() -> None:

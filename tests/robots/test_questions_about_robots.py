@@ -15,6 +15,7 @@ from mindstage.scene import Pose
 from mindstage.simulation import Simulation
 from mindstage.viewer.inspector import TourHandler
 from mindstage.viewer.server import RpcChannel
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.robots.rooms import robot_in
 from tests.viewer.fake_page import FakePage
@@ -40,7 +41,7 @@ def answers_before(sim: Simulation) -> dict[str, list[object]]:
     return found
 
 
-@pytest.mark.parametrize("name", sorted(set(question_names()) - LISTING_ROBOTS))
+@each_case("name", sorted(set(question_names()) - LISTING_ROBOTS))
 def test_a_robot_changes_no_answer_that_is_not_about_bodies(
     sim: Simulation, answers_before: dict[str, list[object]], name: str
 ) -> None:

@@ -12,6 +12,7 @@ from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene.transforms import Array
+from tests.cases import each_case
 
 JOINTS = tuple(
     RobotJoint(name=name, type=RobotJointType.REVOLUTE, parent="a", child="b", lower=-9.0, upper=9.0, velocity=velocity)
@@ -70,7 +71,7 @@ def test_a_motion_to_where_the_joints_are_takes_one_period() -> None:
     assert retimed(NAMES, [resting_path(points[0])], LIMITS).duration_s == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@each_case("seed", range(6))
 def test_no_limit_is_exceeded_on_polylines(seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-2.0, 2.0, (5, 3))
     pieces = rounded_polyline(points, SCALE, always_free)

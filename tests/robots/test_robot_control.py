@@ -74,7 +74,7 @@ def test_joint_positions_are_those_of_mujoco(sim: Simulation, robot: Robot) -> N
         names = ("lift_joint", "elbow_joint", "shoulder_pan_joint")
         return {name: float(data.joint(f"joint:{name}:0").qpos[0]) for name in names}
 
-    for joint, position in sim.run_on_engine(read).items():
+    for joint, position in sim.engine.run(read).items():
         assert robot.joint_positions()[joint] == pytest.approx(position + robot.placed.zero[joint], abs=1e-9)
 
 
@@ -303,7 +303,7 @@ def test_the_motion_after_a_halt_starts_where_the_joint_is(sim: Simulation, robo
 
 
 def deepest_contact(sim: Simulation) -> float:
-    return max((contact.depth_m for contact in sim.run_on_engine(lambda engine: engine.contacts())), default=0.0)
+    return max((contact.depth_m for contact in sim.engine.run(lambda engine: engine.contacts())), default=0.0)
 
 
 # -- base --------------------------------------------------------------------------------------------------------------
@@ -508,7 +508,7 @@ def test_the_force_of_the_fingers_is_that_of_the_command(sim: Simulation, robot:
         robot.run(robot.gripping("", 0.12))
         assert robot.run(robot.gripping("", 0.0, max_force_n=force_n))
         sim.step(0.3)
-        contacts = sim.run_on_engine(lambda engine: engine.contacts())
+        contacts = sim.engine.run(lambda engine: engine.contacts())
         forces = [
             each.force_n for each in contacts if "carton" in (each.a, each.b) and "pillar" not in (each.a, each.b)
         ]
@@ -520,7 +520,7 @@ def test_fingers_are_not_faster_than_their_limit_when_what_they_press_slips_out(
     """The drive is a spring that is bent as far as its largest force when it presses."""
     give(sim, robot)
     assert robot.run(robot.gripping("", 0.0)).stalled
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("carton"): Pose((3.0, 3.0, 0.1))})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("carton"): Pose((3.0, 3.0, 0.1))})), edits=True)
     speeds = []
     for _ in range(50):
         sim.step(0.002)
@@ -592,10 +592,10 @@ def test_reset_puts_the_robot_back_and_ends_its_motions(sim: Simulation, robot: 
 
 def test_a_restored_state_ends_the_motions_that_were_started_later(sim: Simulation, robot: Robot) -> None:
     sim.step(0.1)
-    saved = sim.run_on_engine(lambda engine: engine.save_state())
+    saved = sim.engine.run(lambda engine: engine.save_state())
     goal = robot.start_trajectory(robot.trajectory_to({"lift_joint": 0.9}))
     sim.step(1.0)
-    sim.run_on_engine(lambda engine: engine.restore_state(saved))
+    sim.engine.run(lambda engine: engine.restore_state(saved))
     before = robot.joint_positions()
     sim.step(1.0)
     assert goal.status is MotionOutcome.CANCELED

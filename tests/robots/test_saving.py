@@ -53,8 +53,8 @@ def test_a_saved_robot_moves_in_bare_mujoco_as_in_the_engine(name: str, tmp_path
         sim.step(0.5)
         commands = {each.actuator: each for each in robot.controller.drives.joints.values()}
         first = commands[robot.joint_ids[arm.joints[0]]]
-        state = sim.run_on_engine(lambda engine: engine.actuator_states())[first.actuator]
-        sim.run_on_engine(lambda engine: engine.set_commands({first.actuator: state.command + 0.05}))
+        state = sim.engine.run(lambda engine: engine.actuator_states())[first.actuator]
+        sim.engine.run(lambda engine: engine.set_commands({first.actuator: state.command + 0.05}))
         model = saved(sim, tmp_path)
         assert {model.actuator(i).name for i in range(model.nu)} == robot.controller.drives.actuators
         limits = {each.name: each.effort_limit for each in robot.controller.drives.records}

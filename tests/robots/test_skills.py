@@ -14,6 +14,7 @@ import mindstage as ms
 from mindstage.engines.base import DynamicsScale
 from mindstage.errors import InvalidArgumentError, SkillFailedError, UnreachableError
 from mindstage.robots import add_robot, find_robot
+from mindstage.robots.arm_paths import interpolated_poses
 from mindstage.robots.navigation import BasePath, FloorMap, plan_base
 from mindstage.robots.robot import Robot
 from mindstage.robots.search_limits import SearchLimit
@@ -32,7 +33,6 @@ from mindstage.robots.skills import (
     split_command,
     start_skill,
 )
-from mindstage.robots.skills.arm_paths import interpolated_poses
 from mindstage.robots.skills.doors import moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotionRequest
 from mindstage.robots.skills.manipulator import BasePose, hands_of
@@ -486,7 +486,7 @@ class TestSmallRoom:
 
     def test_what_slips_out_of_the_fingers_is_fixed_to_them_the_next_time(self, room: Robot) -> None:
         mug = BodyId("mug")
-        room.session.run_on_engine(lambda engine: engine.scale_dynamics({mug: DynamicsScale(friction=0.1, mass=4.0)}))
+        room.session.engine.run(lambda engine: engine.scale_dynamics({mug: DynamicsScale(friction=0.1, mass=4.0)}))
         try:
             result = perform(room, "grasp", thing="mug")
             assert result.outcome is SkillOutcome.FAILED
@@ -494,7 +494,7 @@ class TestSmallRoom:
             perform(room, "release")
             result = perform(room, "pick", thing="mug")
         finally:
-            room.session.run_on_engine(lambda engine: engine.scale_dynamics({mug: DynamicsScale()}))
+            room.session.engine.run(lambda engine: engine.scale_dynamics({mug: DynamicsScale()}))
         assert result, result.reason
         assert result.state.held == {"gripper": mug}
         assert result.assumptions == ("mug was fixed to the gripper: the fingers do not hold it by friction",)
@@ -729,7 +729,7 @@ class TestArmsThatTakeTheBaseAlong:
             row, path = motion.end_row, motion.placement.path
             assert motion.placement.stop == row + 1 < path.reached
             moved = {door.id: door.joint.pose_at(motion.end), motion.body: pose_from_array(motion.poses[row])}
-            x, y, _ = hand.base_of(path.roots[row])
+            x, y, _ = hand.base_frame.base_at(path.roots[row])
             assert FloorMap(robot, moved=moved).is_reachable(x, y)
 
     def test_doors_above_its_lift_are_given_up_at_once(self) -> None:

@@ -13,6 +13,7 @@ from scipy.interpolate import CubicHermiteSpline
 from mindstage.errors import CommandRefusedError
 from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
 from mindstage.robots.trajectories import JointSpline, JointTrajectory, TrajectoryPoint, point_to_point, spline_of
+from tests.cases import each_case
 
 LIFT = RobotJoint(
     name="lift", type=RobotJointType.PRISMATIC, parent="a", child="b", lower=0.0, upper=1.0, velocity=0.5, effort=100.0
@@ -98,7 +99,7 @@ def test_a_continuous_joint_takes_the_nearest_turn() -> None:
     assert found.end[0] == pytest.approx(4 * math.pi + 0.5)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("trajectory", "words"),
     [
         (JointTrajectory(("wrist",), (point(1.0, 0.0),)), ["wrist", "lift, elbow, wheel"]),

@@ -99,8 +99,8 @@ def test_composed_transforms_are_the_poses_of_the_bodies(client: RosbridgeClient
     moving, static = subscribed_messages(client, "/tf"), subscribed_messages(client, "/tf_static")
     eventually(lambda: moving and static)
     count = len(static)
-    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
-    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("FridgeDoor"), (-60.0, 0.0, 0.0)))
+    simulation.engine.run(lambda engine: engine.apply_force(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
+    simulation.engine.run(lambda engine: engine.apply_force(BodyId("FridgeDoor"), (-60.0, 0.0, 0.0)))
     simulation.step(0.3)
 
     def positions() -> dict[str, Any]:
@@ -122,7 +122,7 @@ def test_static_transforms_are_latched_and_published_again_when_they_change(
     late = subscribed_messages(local_node, "/tf_static")
     eventually(lambda: late)
     assert late[0] == static[-1]
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("FridgeHandle"): Pose((1.6, 0.75, 1.2))})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("FridgeHandle"): Pose((1.6, 0.75, 1.2))})))
     eventually(lambda: len(static) >= 2)
     assert composed_positions(static[-1], {"transforms": [
         {"header": {"frame_id": "map"}, "child_frame_id": "FridgeHinge", "transform": {
@@ -131,7 +131,7 @@ def test_static_transforms_are_latched_and_published_again_when_they_change(
             "translation": {"x": 1.95, "y": 0.0, "z": 0.65}, "rotation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}}},
     ]})["FridgeHandle"][:3].tolist() == pytest.approx([1.6, 0.75, 1.2])  # fmt: skip
     # An attachment changes the tree: the mug moves with the drawer, which is static to it.
-    simulation.run_on_engine(lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Attach(BodyId("Drawer"), BodyId("Mug"))), edits=True)
     eventually(lambda: ("Drawer", "Mug") in {
         (each["header"]["frame_id"], each["child_frame_id"]) for each in static[-1]["transforms"]
     })  # fmt: skip
@@ -141,15 +141,15 @@ def test_joint_states_have_the_names_of_the_joints(client: RosbridgeClient, simu
     received = subscribed_messages(client, "/unreal/joint_states")
     eventually(lambda: received)
     assert received[-1]["name"] == ["DrawerSlide", "FridgeHinge"]
-    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
-    simulation.run_on_engine(lambda engine: engine.step(0.2))
+    simulation.engine.run(lambda engine: engine.apply_force(BodyId("Drawer"), (-40.0, 0.0, 0.0)))
+    simulation.engine.run(lambda engine: engine.step(0.2))
     eventually(lambda: received[-1]["position"][0] < -0.05)
 
 
 def test_markers_have_the_size_and_the_highlight_of_the_bodies(client: RosbridgeClient, simulation: Simulation) -> None:
     received = subscribed_messages(client, "/unreal/world")
     simulation.highlight([BodyId("Mug")], (0.0, 1.0, 0.0))
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Floor"),))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Floor"),))), edits=True)
     eventually(lambda: received and len(received[-1]["markers"]) == 8)
     first, *markers = received[-1]["markers"]
     assert first["action"] == 3
@@ -239,7 +239,7 @@ def test_health_is_published_and_reports_a_failed_engine(knowledge: KnowledgeBas
         assert values["bodies"] == "0"
         assert 0.0 <= float(values["answered_in_s"]) < 2.0, "a ping is given up after 2 s"
         count, may_go_on = len(received), threading.Event()
-        blocker = threading.Thread(target=simulation.run_on_engine, args=(lambda _: may_go_on.wait(20.0),))
+        blocker = threading.Thread(target=simulation.engine.run, args=(lambda _: may_go_on.wait(20.0),))
         blocker.start()
         eventually(lambda: any(each["status"][0]["level"] == 2 for each in received[count:]))
         late = next(each for each in received[count:] if each["status"][0]["level"] == 2)
@@ -251,7 +251,7 @@ def test_health_is_published_and_reports_a_failed_engine(knowledge: KnowledgeBas
         engine.close()
         eventually(lambda: received[-1]["status"][0]["level"] == 2)
         assert "is closed" in received[-1]["status"][0]["message"]
-        assert simulation.engine_error is not None
+        assert simulation.engine.error is not None
 
 
 @pytest.mark.parametrize("ros", list(RosVersion))

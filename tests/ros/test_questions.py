@@ -65,7 +65,7 @@ def test_an_answer_has_the_time_and_the_revision_of_its_state(call: Call, ask: A
     simulation.step(0.25)
     before = ask("where_is", thing="Mug")["state"]
     assert before == {"time_s": pytest.approx(simulation.state.time_s), "revision": simulation.state.revision}
-    simulation.run_on_engine(lambda engine: engine.apply(SetLabel(BodyId("Mug"), "mine")), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetLabel(BodyId("Mug"), "mine")), edits=True)
     assert ask("where_is", thing="Mug")["state"]["revision"] == before["revision"] + 1
 
 

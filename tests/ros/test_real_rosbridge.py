@@ -288,8 +288,8 @@ def test_plans_are_tried_canceled_and_refused_for_rospy(
     uncertain = [{"thing": "Mug", "position_m": 0.03}]
     edge = json.dumps({"steps": [moved, {"do": "wait", "duration_s": 0.5}], "uncertainty": uncertain})
     mug = BodyId("Mug")  # other tests attach it elsewhere
-    simulation.run_on_engine(lambda engine: engine.apply(Detach(mug)), edits=True)
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({mug: Pose(position=(2.0, 0.0, 0.85))})), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Detach(mug)), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({mug: Pose(position=(2.0, 0.0, 0.85))})), edits=True)
     before, revision = simulation.state.time_s, simulation.state.revision
     succeeded, failed, canceled, refused = json.loads(run_rospy(PLANS, "/unreal", opens, edge))
     assert (succeeded["state"], succeeded["outcome"], succeeded["samples"]) == (SUCCEEDED, "succeeded", 1)

@@ -61,7 +61,7 @@ def test_pauses_and_edits_are_executed_soon_at_the_largest_speed(
         eventually(lambda: simulation.state.real_time_factor > 0.0)
         call("set_label", id="Mug", label="My mug")
         call("set_speed", speed=0.0)
-        simulation.ping()  # on a busy machine the last tick may still be running
+        simulation.engine.ping()  # on a busy machine the last tick may still be running
         time_s = simulation.state.time_s
         time.sleep(0.05)
         assert (simulation.state.playing, simulation.state.time_s) == (False, time_s)
@@ -90,7 +90,7 @@ def test_other_calls_are_executed_while_a_long_step_runs(client: RosbridgeClient
     long.start()
     eventually(lambda: simulation.state.time_s > 0.0)
     start_s, state = time.monotonic(), simulation.state
-    simulation.run_on_engine(lambda engine: engine.apply(SetLabel(BodyId("Mug"), "M")), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetLabel(BodyId("Mug"), "M")), edits=True)
     simulation.pause()
     assert time.monotonic() - start_s < SOON_S
     long.join(10 * TIMEOUT_S)
@@ -124,5 +124,5 @@ def test_the_health_has_the_expected_time_of_a_rebuild(client: RosbridgeClient, 
         return float({each["key"]: each["value"] for each in health[-1]["status"][0]["values"]}["expected_rebuild_s"])
 
     eventually(lambda: expected_s() == 0.0)
-    simulation.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("Mug"), BodyPhysics())), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPhysics(BodyId("Mug"), BodyPhysics())), edits=True)
     eventually(lambda: expected_s() > 0.0)

@@ -29,6 +29,7 @@ from mindstage.scene.joint_kinematics import axis_ranges
 from mindstage.scene.transforms import normalize, normalized_pose_array, pose_multiply, quat_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import eventually
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.ros.ros_messages import Call, pose_message
 from tests.ros.test_simulation_interfaces import ROBOT
@@ -132,11 +133,11 @@ def test_the_positions_of_joint_states_give_the_poses_of_tf(
         slide, hinge = (replace(joint, parent=joint.child, child=joint.parent) for joint in (slide, hinge))
     assert empty_simulation.spawn(replace(world, joints=(slide, hinge))).ok
     for id, force in (("Drawer", (-40.0, 0.0, 0.0)), ("FridgeDoor", (-60.0, 0.0, 0.0))):
-        empty_simulation.run_on_engine(lambda engine, name=id, force=force: engine.apply_force(BodyId(name), force))
+        empty_simulation.engine.run(lambda engine, name=id, force=force: engine.apply_force(BodyId(name), force))
     empty_simulation.step(0.3)
     robot = read(place_description(StateReader(empty_simulation)))
     state = empty_simulation.state
-    positions = empty_simulation.run_on_engine(lambda engine: dict(engine.joint_positions()))
+    positions = empty_simulation.engine.run(lambda engine: dict(engine.joint_positions()))
     message = joint_state_message(state, (slide, hinge), positions)
     assert min(abs(position) for position in message.position) > 0.05
     found = link_poses(robot, dict(zip(message.name, message.position, strict=True)))
@@ -173,8 +174,8 @@ def test_roll_pitch_and_yaw_are_those_of_the_quaternion(parts: tuple[float, floa
     check_angles((w, x, y, z))
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+@each_case("sign", [1.0, -1.0])
+@each_case("yaw", [0.0, 0.7, -2.0])
 def test_a_vertical_link_has_valid_angles(sign: float, yaw: float) -> None:
     w, x, y, z = quat_multiply([cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)], [0.5**0.5, 0.0, sign * 0.5**0.5, 0.0]).tolist()
     check_angles((w, x, y, z))

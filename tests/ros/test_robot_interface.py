@@ -28,6 +28,7 @@ from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import pose_multiply
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.ros.robot_client import RobotClient, point, seconds
 from tests.ros.test_robot_description import assert_same_pose, link_poses
@@ -137,7 +138,7 @@ def test_a_robot_that_is_added_while_programs_are_connected_is_offered_and_withd
         again = client.call(*add, source="mobile_manipulator", name="rob", pose=pose)
         assert not again["success"]
         assert "rob" in again["refusal"]["text"]
-        playing.run_on_engine(
+        playing.engine.run(
             lambda engine: engine.apply(Delete(tuple(find_robot(playing, "rob").body_ids))),
             edits=True,
         )
@@ -287,7 +288,7 @@ PR2_ARM = ("shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "for
 TIAGO_ARM = tuple(f"arm_{number}_joint" for number in range(1, 8))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("robot", "names", "joints"),
     [
         ("pr2", {"l_arm_controller", "r_arm_controller", "torso_controller", "head_traj_controller"},

@@ -88,11 +88,11 @@ def test_a_failed_engine_is_reported_by_every_service(knowledge: KnowledgeBase) 
     engine = NullEngine()
     with Simulation(knowledge, engine) as simulation, LocalNode() as local_node, RosInterface(simulation, local_node):
         simulation.spawn(kitchenette())
-        assert simulation.ping() >= 0.0
+        assert simulation.engine.ping() >= 0.0
         assert local_node.call_service("/unreal/get_model_pose", {"id": "Mug"})["success"]
         engine.close()
         with pytest.raises(EngineClosedError):
-            simulation.ping()
+            simulation.engine.ping()
         for service, args in (
             ("get_model_pose", {"id": "Mug"}),
             ("set_model_pose", {"id": "Mug"}),
@@ -147,8 +147,8 @@ def test_a_call_times_out_and_the_next_one_works(knowledge: KnowledgeBase) -> No
             "success"
         ]  # quick services do not wait for the engine
         with pytest.raises(SimulationTimeoutError):
-            simulation.ping(timeout_s=0.1)
-        assert simulation.engine_error is None
+            simulation.engine.ping(timeout_s=0.1)
+        assert simulation.engine.error is None
         engine.may_log.set()
         assert local_node.call_service("/unreal/mindstage/log_world", {}, timeout_s=TIMEOUT_S)["success"]
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.kitchenette import KNOWROB, MAP, RDFS, kitchenette
-from tests.worlds import BLANK_NODE_IDS, worlds
+from tests.worlds import BLANK_NODE_IDS, blank_nodes, worlds
 
 from mindstage.scene import (
     Attachment,
@@ -85,6 +85,29 @@ def test_with_other_labels_one_lost_fact_is_one_lost_fact(world: World, order: l
     richer = replace(world, facts=(*world.facts, fact(Literal("only here"))))
     other = renamed(world, lambda name: dict(zip(BLANK_NODE_IDS, order, strict=True)).get(name, name))
     assert diff(richer, other).lost_facts == 1
+
+
+def worlds_of_blank_nodes() -> st.SearchStrategy[World]:
+    """Worlds of one or two statements that mention several labels each, and of some about these."""
+    properties = st.sampled_from(("urn:p", "urn:q"))
+    references = st.sampled_from(BLANK_NODE_IDS).map(Iri).map(IriRef)
+    pairs = st.lists(st.builds(fact, references, properties), min_size=2, max_size=2).map(blank_nodes)
+    own = st.lists(st.builds(fact, pairs), min_size=1, max_size=1)
+    described = st.dictionaries(st.sampled_from(("b0", "b1")), own)
+    return st.builds(lambda first, more: world_with_facts(first, **more), st.builds(fact, pairs), described)
+
+
+@given(world=worlds_of_blank_nodes(), order=st.permutations(BLANK_NODE_IDS))
+def test_labels_may_be_swapped_however_often_they_are_mentioned(world: World, order: list[str]) -> None:
+    other = renamed(world, lambda name: dict(zip(BLANK_NODE_IDS, order, strict=True)).get(name, name))
+    assert diff(world, other) == WorldDiff()
+
+
+def test_labels_of_one_statement_are_distinguished_by_their_places_in_it() -> None:
+    def described(first: str, second: str) -> World:
+        return world_with_facts(fact(blank_nodes((fact(label(first), "urn:p"), fact(label(second), "urn:q")))))
+
+    assert diff(described("x", "y"), described("y", "x")) == WorldDiff()
 
 
 def test_two_blank_nodes_differ_from_one() -> None:

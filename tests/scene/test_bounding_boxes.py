@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.cases import each_case
 
 from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage, overlapping_pairs
 
@@ -17,7 +18,7 @@ def boxes_of(*rows: tuple[float, ...]) -> OrientedBoxes:
     return OrientedBoxes.from_poses(poses, table[:, 3:])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("door", "fraction"),
     [
         ((0.32, 0, 1, 0.04, 0.6, 2.0), 1.0),

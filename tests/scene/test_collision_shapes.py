@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.cases import each_case
 from tests.engines.geometries import bin_geometry, box_shape, wedge_geometry
 
 from mindstage.scene import CollisionShape, CollisionShapeType, Pose
@@ -42,7 +43,7 @@ def at(x: float, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
     return (x, y, z, *HERE[3:])
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("one", "other", "relative_pose", "expected"),
     [
         (CollisionShapeType.BOX, CollisionShapeType.BOX, at(0.9), 0.1),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from mindstage.errors import InvalidColorError
 from mindstage.scene import Color
@@ -18,7 +19,7 @@ def test_named_colors_are_in_the_order_of_their_message_numbers() -> None:
     assert parse_color(NO_COLOR) is None
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "color"),
     [
         ("red", COLORS["red"]),
@@ -34,7 +35,7 @@ def test_a_color_is_parsed_from_a_name_hex_digits_or_numbers(text: str, color: C
     assert parse_color(text) == color
 
 
-@pytest.mark.parametrize(
+@each_case(
     "text", ["", "purple", "#12345", "#12345g", "ff8000", "1,2,3", "-0.1,0,0", "nan,0,0", "0,0", "0,0,0,0", "a,b,c"]
 )
 def test_an_invalid_color_raises_an_error_that_lists_valid_ones(text: str) -> None:

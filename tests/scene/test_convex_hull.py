@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from tests.cases import each_case
 
 from mindstage.scene.mesh import convex_hull
 from mindstage.scene.transforms import normalize, rotation_matrix
@@ -114,7 +115,7 @@ def test_a_tilted_plate_of_one_millimeter_has_a_hull() -> None:
     assert hull.moments()[0] == pytest.approx(0.0005, rel=1e-2)
 
 
-@pytest.mark.parametrize(
+@each_case(
     "flat",
     [np.zeros((0, 3)), np.zeros((9, 3)), CUBE[:3], CUBE * (1, 1, 0), CUBE * (1, 0, 0), tilted_plate(0.0),
      np.outer(np.arange(9), (1.0, 2.0, 3.0)), CUBE * (1, 1, np.nan), CUBE * (1, 1, np.inf)],

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from decimal import Decimal
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.worlds import worlds
 
@@ -50,7 +50,7 @@ def are_equal(a: FactValue, b: FactValue) -> bool:
 # -- literals ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("a", "b"),
     [
         ("0.0", "0"),
@@ -64,13 +64,13 @@ def are_equal(a: FactValue, b: FactValue) -> bool:
         ("1" + "0" * 5000, "1e5000"),
     ],
 )
-@pytest.mark.parametrize("kind", ["float", "double", "decimal", "integer"])
+@each_case("kind", ["float", "double", "decimal", "integer"])
 def test_numbers_are_compared_by_value(a: str, b: str, kind: str) -> None:
     assert are_equal(number(a, kind), number(b, kind))
     assert are_equal(number(b, kind), number(a, kind))
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("a", "b"),
     [
         ("0.1", "0.10000000000000001"),
@@ -197,7 +197,7 @@ def test_facts_of_one_resource_in_two_entries_are_merged() -> None:
     assert diff(apart, together) == WorldDiff()
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("statement", "line"),
     [
         (fact(IriRef(Iri("urn:a"))), "<urn:p> <urn:a>"),

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 from msgspec.structs import replace
+from tests.cases import each_case
 
 from mindstage.scene import (
     AngularLimits,
@@ -144,7 +145,7 @@ def test_every_field_is_compared(value: msgspec.Struct, fields: Mapping[str, Cha
     assert set(leaves(value)) - NOT_IN_A_COLUMN == set(fields)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("collection", "part", "field", "kind"),
     [
         pytest.param(collection, part, field, kind, id=f"{part.id}: {field}")
@@ -161,7 +162,7 @@ def test_a_changed_field_is_named_and_measured(collection: str, part: Any, field
     assert change.error == (expected if expected is None else pytest.approx(expected))
 
 
-@pytest.mark.parametrize("field", sorted(OPTIONAL - {"disable_collision", "mimic"}))
+@each_case("field", sorted(OPTIONAL - {"disable_collision", "mimic"}))
 def test_a_field_against_none_is_a_change_without_a_number(field: str) -> None:
     without = in_world("bodies", with_field(BODY, field, None))
     for found in (diff(WORLD, without), diff(without, WORLD)):
@@ -181,8 +182,8 @@ def test_fields_of_the_world_are_compared(field: str) -> None:
     assert [(change.id, change.field) for change in diff(WORLD, changed).changed] == [("urn:map", field)]
 
 
-@pytest.mark.parametrize(("collection", "part"), [(collection, part) for collection, part, _ in PARTS], ids=str)
-@pytest.mark.parametrize("field", STATEMENTS)
+@each_case(("collection", "part"), [(collection, part) for collection, part, _ in PARTS], ids=str)
+@each_case("field", STATEMENTS)
 def test_facts_and_tags_of_each_object_are_compared(collection: str, part: Any, field: str) -> None:
     found = diff(WORLD, in_world(collection, replace(part, **{field: ()})))
     assert [(change.id, change.field, change.kind) for change in found.changed] == [(part.id, field, field)]

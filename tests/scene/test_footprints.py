@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from tests.cases import each_case
 from tests.worlds import vectors
 
 from mindstage.scene.bounding_boxes import OrientedBoxes, footprints, polygon_areas, polygon_gaps, polygon_overlap_areas
@@ -42,7 +43,7 @@ def test_the_footprint_of_a_box_has_its_analytic_area(box: tuple[float, ...], ex
     assert_allclose(polygon_areas(polygons(box)), [expected], atol=1e-12)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("second", "both", "gap"),
     [
         ((1.5, 0, 9, *UPRIGHT, 2, 2, 2), 1.0, 0.0),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from tests.cases import each_case
 from tests.engines.scenes import body, fixed_joint, prismatic_joint, revolute_joint
 
 from mindstage.scene import AngularLimits, AxisMotion, Body, Joint, LinearLimits, Mobility, Tag
@@ -25,7 +26,7 @@ def test_joint_reach_is_returned_for_each_axis() -> None:
     assert joint_reach(fixed_joint("weld", "a", "b", (0, 0, 0))) == (0.0,) * 6
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("joint", "positions", "expected"),
     [
         (DRAWER, (0.1, 0, 0, 0, 0, 0), (0.1, True, 0.25)),
@@ -51,7 +52,7 @@ def link(name: str, edge_m: float, mobility: Mobility, *, of_robot: bool) -> Bod
     return body(name, (0, 0, 0), (edge_m,) * 3, mobility, tags=tags)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("parent", "child", "of_robot", "moving"),
     [
         ((0.1, Mobility.DYNAMIC), (0.3, Mobility.DYNAMIC), True, "child"),  # the forearm is larger than the elbow

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from hypothesis import Phase, find, given, settings
 from hypothesis import strategies as st
+from tests.cases import each_case
 from tests.kitchenette import MAP, kitchenette
 from tests.worlds import worlds
 
@@ -184,7 +185,7 @@ VARIANTS: dict[str, Callable[[World], object]] = {
 }
 
 
-@pytest.mark.parametrize("wanted", VARIANTS.values(), ids=VARIANTS.keys())
+@each_case("wanted", VARIANTS.values(), ids=VARIANTS.keys())
 def test_generated_worlds_cover(wanted: Callable[[World], object]) -> None:
     find(worlds(), wanted, settings=SEARCH)
 

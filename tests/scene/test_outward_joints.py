@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from tests.cases import each_case
 from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
 from mindstage.scene import AngularLimits, AxisMotion, Body, Joint, LinearLimits, Mobility, Pose, Tag, World
@@ -74,8 +75,8 @@ def interval(joint: Joint) -> tuple[float, float]:
     return found.middle - found.limit, found.middle + found.limit
 
 
-@pytest.mark.parametrize("yaw", YAWS)
-@pytest.mark.parametrize("side", [1, -1])
+@each_case("yaw", YAWS)
+@each_case("side", [1, -1])
 def test_doors_and_drawers_with_handles_open_outwards_only(side: int, yaw: float) -> None:
     found = limited(turned(cupboard(side=side), yaw))
     assert interval(found[BodyId("slide")].joint) == pytest.approx((0.0, 0.45))

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from tests.cases import each_case
 from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
 from mindstage.scene import Body, Pose, Quaternion, Vector, World
@@ -35,7 +36,7 @@ def cup(x: float, y: float, z: float, size: Vector = (0.1, 0.1, 0.1), **more: ob
     return body("cup", (x, y, z), size, **({"mobility": "dynamic"} | more))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("item", "expected"),
     [
         (cup(0, 0, 1.05), {ON}),

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from tests.cases import each_case
 from tests.worlds import poses, vectors
 
 from mindstage.scene import IDENTITY, Pose, Vector
@@ -59,7 +60,7 @@ def test_a_zero_quaternion_normalizes_to_nan() -> None:
     assert np.isnan(normalize((0.0, 0.0, 0.0, 0.0))).all()
 
 
-@pytest.mark.parametrize("angle", [1e-300, 1e-16, 1e-9, 1e-6, 0.1, pi / 2, 3.0, pi])
+@each_case("angle", [1e-300, 1e-16, 1e-9, 1e-6, 0.1, pi / 2, 3.0, pi])
 def test_small_angles_are_exact(angle: float) -> None:
     turned = (np.cos(angle / 2), 0.0, np.sin(angle / 2), 0.0)
     assert quat_angle(IDENTITY.quaternion, turned) == pytest.approx(angle, rel=1e-14)

@@ -138,7 +138,7 @@ class RandomEdits:
         )
         self.sim.spawn(None if is_bundled else world)
         self.json_check = _JsonCheck()
-        self.sim.observe(self.json_check)
+        self.sim.observers.add(self.json_check)
         self._robot = start.robot
         if start.robot:
             self._add_robot(random.Random(1))
@@ -357,15 +357,15 @@ class RandomEdits:
     def edit_reset_to_start(self, rng: random.Random) -> object:
         if rng.random() < 0.7:
             return "not this time"
-        self.sim.reset_to_start(keep_spawned=rng.random() < 0.5)
+        self.sim.reset(to_start=True, keep_spawned=rng.random() < 0.5)
         return "reset to start"
 
     def edit_saved_state(self, rng: random.Random) -> object:
         before = seen(self.sim)
-        state = self.sim.run_on_engine(lambda engine: engine.save_state())
+        state = self.sim.engine.run(lambda engine: engine.save_state())
         self.sim.edits.move(self._body(rng).id, Pose((0.0, 0.0, 3.0)))
         self.sim.step(0.02)
-        self.sim.run_on_engine(lambda engine: engine.restore_state(state), edits=True)
+        self.sim.engine.run(lambda engine: engine.restore_state(state), edits=True)
         check(before, seen(self.sim), "a restored state")
         self.sim.edits.clear()
         return "restored"
@@ -448,12 +448,12 @@ class RandomEdits:
 
     def _check_fresh(self, when: str) -> None:
         """Compares the joints of the running model with those of a new engine that has the snapshot."""
-        if self.sim.engine_name != "mujoco":
+        if self.sim.engine.name != "mujoco":
             return
         fresh = MujocoEngine()
         world, immovable = self.sim.snapshot(), self.sim.immovable
         fresh.apply(Spawn(world, geometry=self.sim.geometry, immovable=immovable, settle=False))
-        running, new = self.sim.run_on_engine(joint_axes), joint_axes(fresh)
+        running, new = self.sim.engine.run(joint_axes), joint_axes(fresh)
         assert running.keys() == new.keys(), f"{when} {self.log[-1]}: joints {running.keys() ^ new.keys()}"
         for id, (anchor, axis) in running.items():
             assert np.abs(anchor - new[id][0]).max() < 1e-5, f"{when} {self.log[-1]}: the anchor of {id}"
@@ -500,9 +500,9 @@ def _chain(id: BodyId, parents: Mapping[BodyId, BodyId]) -> Iterator[BodyId]:
 
 def seen(sim: Simulation) -> _Seen:
     """The state of a simulation."""
-    if sim.engine_name != "mujoco":
+    if sim.engine.name != "mujoco":
         return _Seen(sim.snapshot(), {})
-    return sim.run_on_engine(lambda engine: _Seen(engine.snapshot(), _model(engine), _bits(engine)))
+    return sim.engine.run(lambda engine: _Seen(engine.snapshot(), _model(engine), _bits(engine)))
 
 
 def _bits(engine: Engine) -> bytes:

@@ -13,6 +13,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, Iri, Pose, World
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation.body_groups import BodyGroup, find_dependents, paste_group
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 FRIDGE, DOOR, HANDLE, MUG = (BodyId(name) for name in ("Fridge", "FridgeDoor", "FridgeHandle", "Mug"))
@@ -101,7 +102,7 @@ def test_a_copy_avoids_what_is_on_both_sides_of_its_original(room: Simulation) -
         assert gap[:2].max() > 0.0, f"beside {other}"
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
+@each_case("text", ["", "{}", "[1]", '{"content": "something else", "bodies": []}', '{"bodies": []}'])
 def test_other_text_is_not_pasted(text: str) -> None:
     with pytest.raises(InvalidArgumentError, match="pasted text"):
         BodyGroup.from_text(text)
@@ -139,7 +140,7 @@ def test_a_step_of_the_history_is_chosen_only_as_it_was_seen(simulation: Simulat
 def test_what_was_moved_by_physics_can_be_recorded_as_one_step(simulation: Simulation) -> None:
     before = {body.id: body.pose for body in simulation.snapshot().bodies}
     assert not simulation.edits.record_motion(before, label="nothing dragged")
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.5, 0.85))})), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.5, 0.85))})), edits=True)
     assert simulation.edits.record_motion(before, label="Mug dragged")
     assert simulation.edits.undo() == "Mug dragged"
     assert position(simulation, MUG) == pytest.approx(before[MUG].position)
@@ -151,10 +152,10 @@ def test_what_was_moved_by_physics_can_be_recorded_as_one_step(simulation: Simul
 def test_things_are_placed_on_flat_panels(kitchen: Simulation, holder: str) -> None:
     placed = kitchen.place("CoffeeMug", on=holder)
     body = kitchen.snapshot().body(BodyId(holder))
-    low = kitchen.run_on_engine(lambda engine: engine.snapshot()).body(placed.id).pose.position[2]
+    low = kitchen.engine.run(lambda engine: engine.snapshot()).body(placed.id).pose.position[2]
     assert placed.support_id == holder
     assert low > body.pose.position[2]
-    kitchen.run_on_engine(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
+    kitchen.engine.run(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
 
 
 def test_a_body_is_placed_near_a_point(kitchen: Simulation) -> None:
@@ -162,7 +163,7 @@ def test_a_body_is_placed_near_a_point(kitchen: Simulation) -> None:
     placed = kitchen.place("CoffeeMug", on="counter_west", near=(x + 0.2, y - 0.1, z))
     offset = np.subtract(placed.pose.position, (x + 0.2, y - 0.1, z))
     assert np.linalg.norm(offset[:2]) < 0.3
-    kitchen.run_on_engine(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
+    kitchen.engine.run(lambda engine: engine.apply(Delete((placed.id,))), edits=True)
 
 
 def test_pulling_an_unknown_body_is_an_error(simulation: Simulation) -> None:

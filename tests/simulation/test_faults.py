@@ -24,6 +24,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.edits import SetLabel
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 TIMEOUT_S = 20.0
@@ -153,7 +154,7 @@ def test_an_error_is_raised_for_callers_in_python_and_not_for_clients(sim: Simul
 def test_the_other_controllers_are_not_updated_again_after_an_error(sim: Simulation) -> None:
     times: list[float] = []
     first = Controller()
-    engine = sim.run_on_engine(lambda engine: engine)
+    engine = sim.engine.run(lambda engine: engine)
     first.on_update = lambda: times.append(engine.time_s)
     sim.add_controller("first", first)
     sim.add_controller("second", Controller(raising(ValueError("wrong"))))
@@ -187,8 +188,8 @@ def test_an_observer_that_raises_is_removed_and_the_others_get_the_state(sim: Si
             calls.append(1)
             raise error
 
-    sim.observe(Observer(fail))
-    sim.observe(Observer(lambda: seen.append(1)))
+    sim.observers.add(Observer(fail))
+    sim.observers.add(Observer(lambda: seen.append(1)))
     sim.play()
     is_due.set()
     wait_until(lambda: not sim.state.playing)
@@ -202,12 +203,12 @@ def test_an_observer_that_raises_is_removed_and_the_others_get_the_state(sim: Si
 
 
 def test_an_observer_that_raises_at_an_edit_does_not_fail_the_edit(sim: Simulation) -> None:
-    sim.observe(Observer(lambda: None, raising(ValueError("wrong"))))
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "My mug")), edits=True)
+    sim.observers.add(Observer(lambda: None, raising(ValueError("wrong"))))
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "My mug")), edits=True)
     with pytest.raises(SimulationFaultError, match="the observer Observer raised ValueError: wrong"):
         sim.snapshot()
     assert next(body.label for body in sim.snapshot().bodies if body.id == MUG) == "My mug"
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "Mug")), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "Mug")), edits=True)
     sim.snapshot()
 
 
@@ -216,10 +217,10 @@ def test_a_callback_of_edits_that_raises_is_removed(sim: Simulation, error: Base
     others: list[int] = []
     sim.clients.on_edit(raising(error))
     sim.clients.on_edit(lambda: others.append(1))
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "My mug")), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "My mug")), edits=True)
     with pytest.raises(SimulationFaultError, match="a callback of edits"):
         sim.snapshot()
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "Mug")), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "Mug")), edits=True)
     sim.snapshot()
     assert others == [1, 1]
 
@@ -231,10 +232,10 @@ def test_a_callback_of_late_ends_that_raises_does_not_end_the_thread(sim: Simula
     def fail(label: str, error: BaseException | None) -> None:
         raise SystemExit
 
-    sim.on_late_end(fail)
-    sim.on_late_end(lambda label, error: ends.append(label))
+    sim.engine.on_late_end(fail)
+    sim.engine.on_late_end(lambda label, error: ends.append(label))
     with pytest.raises(SimulationTimeoutError):
-        sim.run_on_engine(lambda _: may_end.wait(TIMEOUT_S), label="late", timeout_s=0.05)
+        sim.engine.run(lambda _: may_end.wait(TIMEOUT_S), label="late", timeout_s=0.05)
     may_end.set()
     wait_until(lambda: "late ends" in sim.state.error)
     assert ends == ["late"]
@@ -253,7 +254,7 @@ class FailingEngine(NullEngine):
         super().step(duration_s)
 
 
-@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@each_case("error", ERRORS, ids=lambda error: type(error).__name__)
 def test_an_engine_that_raises_pauses_the_simulation(error: BaseException) -> None:
     engine = FailingEngine()
     with Simulation(KnowledgeBase(), engine, primitive_shapes=True, timeout_s=TIMEOUT_S) as sim:
@@ -323,7 +324,7 @@ def test_a_controller_that_removes_itself_is_not_waited_for(sim: Simulation) -> 
 def test_calls_of_a_thread_that_has_ended_raise_at_once(sim: Simulation) -> None:
     sim._thread.stop()  # as after a fork: the child has no such thread
     start_s = time.monotonic()
-    calls: list[Callable[[], object]] = [sim.snapshot, lambda: sim.step(0.1), sim.pause, sim.ping, sim.reset]
+    calls: list[Callable[[], object]] = [sim.snapshot, lambda: sim.step(0.1), sim.pause, sim.engine.ping, sim.reset]
     for call in calls:
         with pytest.raises(SimulationThreadError, match="the thread of the simulation has ended"):
             call()

@@ -91,7 +91,7 @@ def test_the_mapping_is_the_same_object_until_bodies_are_added_or_removed(sim: S
 def test_deleted_bodies_have_no_geometry_and_are_restored_with_theirs(sim: Simulation) -> None:
     sim.spawn(kitchenette())
     mug = sim.geometry[BodyId("Mug")]
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
     assert BodyId("Mug") not in sim.geometry
     sim.reset()
     assert sim.geometry[BodyId("Mug")] is mug

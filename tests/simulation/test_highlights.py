@@ -137,7 +137,7 @@ def test_no_color_removes_the_highlight_of_these_bodies_only(sim: Simulation) ->
 
 def test_highlights_without_a_label_form_groups_by_color(sim: Simulation) -> None:
     sim.highlight([MUG], RED)
-    sim.run_on_engine(lambda engine: engine.highlight([FRIDGE], RED))
+    sim.engine.run(lambda engine: engine.highlight([FRIDGE], RED))
     assert sim.state.highlight_groups == (HighlightGroup(ids=(MUG, FRIDGE), color=RED),)
     sim.highlight([MUG], GREEN)
     assert {group.color: group.ids for group in sim.state.highlight_groups} == {RED: (FRIDGE,), GREEN: (MUG,)}
@@ -147,7 +147,7 @@ def test_highlights_without_a_label_form_groups_by_color(sim: Simulation) -> Non
 
 def test_deleting_and_clearing_remove_highlights(sim: Simulation) -> None:
     sim.highlight([MUG, FRIDGE], RED, label="both")
-    sim.run_on_engine(lambda engine: engine.apply(Delete((FRIDGE,))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((FRIDGE,))), edits=True)
     assert groups_by_label(sim) == {"both": ("Mug",)}
     sim.clear()
     assert groups_by_label(sim) == {}
@@ -177,7 +177,7 @@ def test_concurrent_questions_each_see_one_state(sim: Simulation) -> None:
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda _: sim.ask("where_is", other="Cupboard", relation="on"), range(24)))
     assert all(
-        [(row.thing.rpartition("#")[2], row.source) for row in each] == [("Mug", sim.engine_name)] for each in answers
+        [(row.thing.rpartition("#")[2], row.source) for row in each] == [("Mug", sim.engine.name)] for each in answers
     )
 
 
@@ -186,7 +186,7 @@ def test_the_current_state_is_that_of_the_engine(sim: Simulation) -> None:
     assert isinstance(current, WorldState)
     assert current.world == sim.snapshot()
     assert current.spawned == sim.worlds
-    assert (current.joint_positions is not None) == (sim.engine_name == "mujoco")
+    assert (current.joint_positions is not None) == (sim.engine.name == "mujoco")
     assert set(current.map_of_body().values()) == {kitchenette().iri}
 
 

@@ -24,7 +24,7 @@ from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, diff
 from mindstage.scene.edits import Attach, Delete, Edit, SetLabel, SetMaterials, SetPoses, Spawn
 from mindstage.simulation import Simulation, SimulationImage
 from mindstage.simulation.imagined import match_world
-from tests.engines.served_simulation import ServedSimulation
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.kitchenette import kitchenette
 
 MUG, DRAWER, FRIDGE, DOOR = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge"), BodyId("FridgeDoor")
@@ -63,7 +63,7 @@ def state_bits(sim: Simulation) -> bytes:
         names = ("qpos", "qvel", "qacc_warmstart", "xpos", "xquat", "tree_asleep", "body_awake", "time")
         return b"".join(np.asarray(getattr(compiled.data, name)).tobytes() for name in names)
 
-    return sim.run_on_engine(read)
+    return sim.engine.run(read)
 
 
 @pytest.mark.parametrize("threaded", [True, False])
@@ -111,13 +111,13 @@ def test_a_copy_can_play_in_real_time_only_with_a_thread(sim: Simulation) -> Non
 def test_open_copies_are_listed_until_they_are_closed(sim: Simulation) -> None:
     with sim.fork() as first:
         second = sim.fork()
-        assert sim.imaginations == (first, second)
+        assert sim.forks == (first, second)
         assert second.origin is not None
         assert second.origin.original is sim
         second.close()
         second.close()
-        assert sim.imaginations == (first,)
-    assert sim.imaginations == ()
+        assert sim.forks == (first,)
+    assert sim.forks == ()
     assert sim.origin is None
 
 
@@ -191,7 +191,7 @@ class TestCommit:
             assert len(copy.commit()) == 1
 
     def test_an_impossible_edit_names_what_was_done_before(self, sim: Simulation) -> None:
-        apply = sim.run_on_engine(lambda engine: engine.apply)
+        apply = sim.engine.run(lambda engine: engine.apply)
 
         def refuse(edit: Edit) -> Applied:
             if isinstance(edit, SetPoses):
@@ -201,7 +201,7 @@ class TestCommit:
         with sim.fork() as copy:
             copy.edits.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
             copy.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
-            sim.run_on_engine(lambda engine: setattr(engine, "apply", refuse))
+            sim.engine.run(lambda engine: setattr(engine, "apply", refuse))
             with pytest.raises(CommitError, match=r"pose of Mug: no body .* \(mass of Mug was done\)"):
                 copy.commit()
 
@@ -216,7 +216,7 @@ def test_an_engine_that_cannot_be_forked_is_copied_to_mujoco_from_its_snapshot()
         sim.edits.set_physics(DRAWER, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=9.0), label="mass")
         before = sim.snapshot()
         with sim.fork() as copy:
-            assert copy.engine_name == "mujoco"
+            assert copy.engine.name == "mujoco"
             assert copy.origin is not None
             assert "slow cannot be forked" in copy.origin.notes[0]
             assert len(copy.origin.notes) == 1
@@ -340,7 +340,7 @@ def edited(sim: Simulation) -> None:
         engine.apply(SetLabel(MUG, "My mug"))
         engine.apply(SetMaterials(MUG, (STEEL,)))
 
-    sim.run_on_engine(label_and_paint, edits=True)
+    sim.engine.run(label_and_paint, edits=True)
 
 
 @pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
@@ -358,7 +358,7 @@ def test_every_kind_of_edit_of_a_copy_is_made_in_the_original(engine: type[Engin
         mug = sim.snapshot().body(MUG)
         assert (mug.label, mug.materials) == ("My mug", (STEEL,))
         with sim.fork() as copy:
-            copy.run_on_engine(lambda engine: engine.clear(), edits=True)
+            copy.engine.run(lambda engine: engine.clear(), edits=True)
             assert copy.commit() == ("clear world",)
         assert sim.state.ids == ()
 

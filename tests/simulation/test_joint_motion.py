@@ -35,6 +35,7 @@ from mindstage.scene import (
 )
 from mindstage.scene.edits import Delete, SetPhysics
 from mindstage.simulation import JointMotion, Simulation
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 
 
@@ -166,9 +167,9 @@ HINGE = replace(
 )
 
 
-@pytest.mark.parametrize("engine", [NullEngine, MujocoEngine])
-@pytest.mark.parametrize("is_swapped", [False, True])
-@pytest.mark.parametrize("joint", [SLIDE, HINGE], ids=["slide", "hinge"])
+@each_case("engine", [NullEngine, MujocoEngine])
+@each_case("is_swapped", [False, True])
+@each_case("joint", [SLIDE, HINGE], ids=["slide", "hinge"])
 def test_unequal_limits_hold_for_either_order_of_the_bodies(
     engine: type[Engine], is_swapped: bool, joint: Joint
 ) -> None:
@@ -232,7 +233,7 @@ def test_an_obstacle_stops_it_and_the_result_is_false(sim: Simulation) -> None:
     assert not result
     assert result.duration_s == pytest.approx(4.0, abs=0.1)
     assert joint.openness < 0.6
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("block"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("block"),))), edits=True)
 
 
 def _in_front(sim: Simulation, id: str, gap: float) -> tuple[float, float, float]:
@@ -260,7 +261,7 @@ def test_an_engine_without_physics_sets_the_pose_exactly(
 
 def test_the_pose_of_a_kinematic_body_is_set(sim: Simulation) -> None:
     physics = replace(sim.snapshot().body("fridge_door").physics, mobility=Mobility.KINEMATIC)
-    sim.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("fridge_door"), physics)), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPhysics(BodyId("fridge_door"), physics)), edits=True)
     before = sim.state.time_s
     assert sim.joint("fridge_door_hinge").open(0.5)
     assert sim.state.time_s == before
@@ -277,7 +278,7 @@ def test_invalid_arguments_are_rejected(sim: Simulation) -> None:
         sim.joint("fridge_dor")
     with pytest.raises(NameNotFoundError):
         sim.joint("table")
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("fridge_door"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("fridge_door"),))), edits=True)
     with pytest.raises(BodyNotFoundError):
         joint.open()
 

@@ -97,10 +97,10 @@ def test_a_picture_shows_every_kind_of_marker(type: MarkerType) -> None:
     with ms.open((), engine="null") as sim:
         sim.spawn(kitchenette())
         before = ms.shot(sim, screenshot=view)
-        sim.add_markers([marker])
+        sim.markers.add([marker])
         after = ms.shot(sim, screenshot=view)
         changed = np.any(before != after, axis=2)
-        sim.remove_markers(["m"])
+        sim.markers.remove(["m"])
         assert np.array_equal(ms.shot(sim, screenshot=view), before)
     assert changed[30:70, 50:110].sum() > 10, "it is in the middle"
     if type is not MarkerType.TEXT:

@@ -29,12 +29,12 @@ def cube(id: str) -> Marker:
 
 
 def test_markers_are_published_until_they_are_removed(sim: Simulation) -> None:
-    sim.add_markers([cube("a"), cube("b")])
+    sim.markers.add([cube("a"), cube("b")])
     before = sim.state
     assert [marker.id for marker in before.markers] == ["a", "b"]
-    sim.add_markers([Marker(id="a", type=MarkerType.CUBE, pose=Pose((1, 2, 3)))])
+    sim.markers.add([Marker(id="a", type=MarkerType.CUBE, pose=Pose((1, 2, 3)))])
     assert sim.state.markers[0].pose.position == (1, 2, 3)
-    assert sim.remove_markers(["b", "nobody"]) == ("b",)
+    assert sim.markers.remove(["b", "nobody"]) == ("b",)
     assert [marker.id for marker in sim.state.markers] == ["a"]
     assert len(before.markers) == 2
 
@@ -42,7 +42,7 @@ def test_markers_are_published_until_they_are_removed(sim: Simulation) -> None:
 def test_markers_are_not_part_of_the_world(sim: Simulation) -> None:
     world = sim.snapshot()
     revision = sim.state.revision
-    sim.add_markers([cube("a")])
+    sim.markers.add([cube("a")])
     assert sim.snapshot() == world
     assert sim.state.revision == revision
     sim.clear()
@@ -53,8 +53,8 @@ def test_a_marker_expires_in_a_playing_and_in_a_paused_simulation(sim: Simulatio
     for play in (False, True):
         if play:
             sim.play()
-        sim.add_markers([cube("short")], lifetime_s=0.05)
-        sim.add_markers([cube("long")])
+        sim.markers.add([cube("short")], lifetime_s=0.05)
+        sim.markers.add([cube("long")])
         end = time.monotonic() + 60.0
         while len(sim.state.markers) > 1:
             assert time.monotonic() < end
@@ -79,17 +79,17 @@ def test_the_next_expiry_is_that_of_the_shortest_lifetime() -> None:
 
 
 def test_a_lost_engine_raises_and_is_published(sim: Simulation) -> None:
-    assert sim.ping() < 10.0
-    assert sim.engine_error is None
+    assert sim.engine.ping() < 10.0
+    assert sim.engine.error is None
     sim.play()
     sim._engine.close()
     with pytest.raises(EngineClosedError):
-        sim.ping()
-    assert isinstance(sim.engine_error, EngineClosedError)
+        sim.engine.ping()
+    assert isinstance(sim.engine.error, EngineClosedError)
     assert "is closed" in sim.state.error
     assert not sim.state.playing
     with pytest.raises(EngineClosedError):
-        sim.ping()  # the engine thread still runs
+        sim.engine.ping()  # the engine thread still runs
 
 
 def test_a_busy_engine_is_not_a_lost_engine(sim: Simulation) -> None:
@@ -99,15 +99,15 @@ def test_a_busy_engine_is_not_a_lost_engine(sim: Simulation) -> None:
         busy.set()
         go_on.wait(10.0)
 
-    worker = threading.Thread(target=lambda: sim.run_on_engine(work))
+    worker = threading.Thread(target=lambda: sim.engine.run(work))
     worker.start()
     assert busy.wait(10.0)
     with pytest.raises(SimulationTimeoutError):
-        sim.ping(timeout_s=0.05)
-    assert sim.engine_error is None
+        sim.engine.ping(timeout_s=0.05)
+    assert sim.engine.error is None
     go_on.set()
     worker.join()
-    assert sim.ping() >= 0.0
+    assert sim.engine.ping() >= 0.0
 
 
 def test_a_closed_simulation_cannot_play(sim: Simulation) -> None:

@@ -84,7 +84,7 @@ def test_every_edit_is_reported_to_every_observer_with_its_client(
 ) -> None:
     logs = [Log(), Log(), Log()]
     for log in logs:
-        sim.observe(log)
+        sim.observers.add(log)
     with as_client("ROS: /cook"):
         sim.apply(edit)
     for log in logs:
@@ -93,8 +93,8 @@ def test_every_edit_is_reported_to_every_observer_with_its_client(
 
 def test_a_highlight_is_reported_with_its_color(sim: Simulation) -> None:
     log = Log()
-    sim.observe(log)
-    sim.run_on_engine(lambda engine: engine.highlight(iter([MUG, FRIDGE]), (1.0, 0.0, 0.0)), edits=True)
+    sim.observers.add(log)
+    sim.engine.run(lambda engine: engine.highlight(iter([MUG, FRIDGE]), (1.0, 0.0, 0.0)), edits=True)
     assert log.taken() == [("highlight", "Python", (MUG, FRIDGE), {"color": (1.0, 0.0, 0.0)})]
 
 
@@ -102,7 +102,7 @@ def test_a_pull_and_its_end_are_reported_with_where_it_acts() -> None:
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as sim:
         sim.spawn(kitchenette())
         log = Log()
-        sim.observe(log)
+        sim.observers.add(log)
         with as_client("viewer"):
             sim.pull(DRAWER, point=(-0.25, 0.0, 0.0), target=(1.2, 0.0, 0.65))
         sim.release(DRAWER)
@@ -114,13 +114,13 @@ def test_a_pull_and_its_end_are_reported_with_where_it_acts() -> None:
 
 def test_several_edits_of_one_call_are_reported_in_their_order(sim: Simulation) -> None:
     log = Log()
-    sim.observe(log)
+    sim.observers.add(log)
 
     def edit(engine: Engine) -> None:
         for id in (MUG, DRAWER, MUG):
             engine.apply(SetPoses({id: Pose((float(len(id)), 0.0, 0.0))}))
 
-    sim.run_on_engine(edit, edits=True)
+    sim.engine.run(edit, edits=True)
     assert [(kind, client, ids) for kind, client, ids, _ in log.taken()] == [
         ("set poses", "Python", (MUG,)),
         ("set poses", "Python", (DRAWER,)),
@@ -131,7 +131,7 @@ def test_several_edits_of_one_call_are_reported_in_their_order(sim: Simulation) 
 def test_a_spawn_names_what_was_spawned_and_what_was_not(sim: Simulation) -> None:
     sim.clear()
     log = Log()
-    sim.observe(log)
+    sim.observers.add(log)
     sim.spawn(kitchenette())
     ((kind, _, ids, details),) = log.taken()
     assert (kind, ids) == ("spawn", ALL)
@@ -151,7 +151,7 @@ def test_what_consists_of_several_edits_is_reported_as_one_with_all_bodies(sim: 
     moved = SetPoses({MUG: Pose((1.0, 1.0, 1.0))})
     before = sim.snapshot().body(MUG).pose
     sim.edits.apply(moved)
-    sim.observe(log)
+    sim.observers.add(log)
     sim.edits.undo()
     sim.edits.redo()
     assert log.taken() == [
@@ -165,7 +165,7 @@ def test_what_consists_of_several_edits_is_reported_as_one_with_all_bodies(sim: 
 
 def test_a_question_is_reported_with_its_arguments_and_all_answers(sim: Simulation) -> None:
     log = Log()
-    sim.observe(log)
+    sim.observers.add(log)
     with as_client("viewer"):
         answers = sim.ask("where_is", thing="Mug")
     ((kind, client, ids, details),) = log.taken()
@@ -179,20 +179,20 @@ def test_a_question_is_reported_with_its_arguments_and_all_answers(sim: Simulati
 
 def test_of_several_observers_only_the_one_that_was_removed_or_failed_gets_no_more(sim: Simulation) -> None:
     before, removed, failing, after = Log(), Log(), Failing(), Log()
-    sim.observe(before)
-    remove = sim.observe(removed)
-    sim.observe(failing)
-    sim.observe(after)
+    sim.observers.add(before)
+    remove = sim.observers.add(removed)
+    sim.observers.add(failing)
+    sim.observers.add(after)
 
     def label(text: str) -> None:
-        sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, text)), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, text)), edits=True)
 
     label("one")
     remove()
     remove()
     label("two")
     assert [len(each.taken()) for each in (before, removed, failing, after)] == [2, 1, 2, 2]
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.0, 1.0))})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({MUG: Pose((1.0, 0.0, 1.0))})), edits=True)
     with pytest.raises(SimulationFaultError, match="the observer Failing raised ValueError: no"):
         sim.snapshot()
     label("three")
@@ -202,21 +202,21 @@ def test_of_several_observers_only_the_one_that_was_removed_or_failed_gets_no_mo
 
 def test_one_observer_that_is_added_twice_is_removed_entirely_and_others_stay(sim: Simulation) -> None:
     log, other = Log(), Log()
-    remove = sim.observe(log)
-    sim.observe(other)
-    sim.observe(log)
+    remove = sim.observers.add(log)
+    sim.observers.add(other)
+    sim.observers.add(log)
     remove()
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "x")), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "x")), edits=True)
     assert (len(log.taken()), len(other.taken())) == (0, 1)
 
 
 def test_states_come_at_the_shortest_interval_and_say_whether_something_was_edited(sim: Simulation) -> None:
     slow, quick = Log(), Log()
     quick.interval_s = 0.05
-    sim.observe(slow)
+    sim.observers.add(slow)
     sim.step(1.0)
     assert slow.times() == [pytest.approx(0.1 * count) for count in range(1, 11)]
-    remove = sim.observe(quick)
+    remove = sim.observers.add(quick)
     sim.step(1.0)
     assert quick.times() == [pytest.approx(1.0 + 0.05 * count) for count in range(1, 21)]
     assert not any(edited for _, edited in slow.states)
@@ -224,7 +224,7 @@ def test_states_come_at_the_shortest_interval_and_say_whether_something_was_edit
     slow.states.clear()
     sim.step(1.0)
     assert slow.times() == [pytest.approx(2.0 + 0.1 * count) for count in range(1, 11)]
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "x")), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "x")), edits=True)
     assert slow.states[-1] == (3.0, True)
     assert len(quick.times()) == 20
 
@@ -253,5 +253,5 @@ def test_of_several_callbacks_of_edits_only_the_removed_one_is_not_called(sim: S
     called: list[str] = []
     removes = [sim.clients.on_edit(lambda name=name: called.append(name)) for name in "abc"]
     removes[1]()
-    sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "x")), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "x")), edits=True)
     assert called == ["a", "c"]

@@ -39,7 +39,7 @@ def item(id: str, size: Vector, mass: float = 0.3) -> Body:
 
 
 def pose_of(sim: Simulation, id: str) -> np.ndarray:
-    ids, poses = sim.run_on_engine(lambda engine: engine.poses())
+    ids, poses = sim.engine.run(lambda engine: engine.poses())
     return poses[ids.index(BodyId(id))]
 
 
@@ -47,7 +47,7 @@ def test_a_plate_placed_on_the_counter_stays_there(kitchen: Simulation) -> None:
     count, before = len(kitchen.state.ids), kitchen.state.poses.copy()
     result = kitchen.place("DinnerPlate", on="counter_west")
     assert result.support_id == "counter_west"
-    _, now = kitchen.run_on_engine(lambda engine: engine.poses())
+    _, now = kitchen.engine.run(lambda engine: engine.poses())
     assert now[:count] == pytest.approx(before, abs=1e-12), "a trial moved another body"
     start = pose_of(kitchen, result.id).copy()
     kitchen.step(2.0)

@@ -42,7 +42,7 @@ def sim(kb: KnowledgeBase) -> Iterator[Simulation]:
         simulation.spawn()
         cup = Body(id=BodyId("cup"), iri=Iri("http://e.org/cup"), cls=CUP, pose=Pose())
         simulation.spawn(World(iri=Iri("http://e.org/cup"), bodies=(cup,)), persistent=False)
-        simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MILK: NEW})), label="move")
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({MILK: NEW})), label="move")
         yield simulation
 
 
@@ -182,7 +182,7 @@ def test_a_map_of_knowrob_2_has_a_present_in_its_vocabulary(tmp_path: Path) -> N
         before = sim.sparql(query % "").rows
         assert before
         assert sim.sparql(query % "FROM <urn:mindstage:present>").rows == before
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("cup"): Pose((4.0, 5.0, 6.0))})), label="move")
+        sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("cup"): Pose((4.0, 5.0, 6.0))})), label="move")
         (at,) = sim.sparql(query % "FROM <urn:mindstage:present>")["at"]
         assert numbers(at.value) == [4.0, 5.0, 6.0]
         assert sim.sparql(query % "").rows == before
@@ -193,7 +193,7 @@ def test_the_present_of_a_store_in_a_folder_leaves_nothing_behind(tmp_path: Path
         kb.load(bundled_kitchen())
         with Simulation(kb, NullEngine()) as sim:
             sim.spawn()
-            sim.run_on_engine(lambda engine: engine.apply(SetPoses({MILK: NEW})), label="move")
+            sim.engine.run(lambda engine: engine.apply(SetPoses({MILK: NEW})), label="move")
             ((at, _),) = sim.sparql(POSE % NAMED)
             assert at is not None
             assert numbers(at.value) == list(NEW.position)

@@ -91,10 +91,10 @@ def test_at_the_largest_speed_pauses_and_edits_are_executed_soon(sim: Simulation
         sim.play(speed=1000.0)
         start_s = sim.state.time_s
         wait_until(lambda start_s=start_s: sim.state.time_s > start_s)  # type: ignore[misc]
-        assert took_s(lambda: sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < SOON_S
+        assert took_s(lambda: sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < SOON_S
         assert took_s(sim.pause) < SOON_S
         assert not sim.state.playing
-        sim.ping()  # on a busy machine the last tick may still be running
+        sim.engine.ping()  # on a busy machine the last tick may still be running
         paused = sim.state
         time.sleep(0.05)
         assert sim.state.time_s == paused.time_s
@@ -106,9 +106,7 @@ def test_other_calls_are_executed_while_a_long_step_runs(pool: ThreadPoolExecuto
         sim.play()
         long = pool.submit(sim.step, 1.0)
         wait_until(lambda: sim.state.time_s > 0.0)
-        assert (
-            took_s(lambda: sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < SOON_S / 2
-        )
+        assert took_s(lambda: sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < SOON_S / 2
         assert took_s(sim.pause) < SOON_S / 2
         assert not sim.state.playing
         assert not long.done()
@@ -148,14 +146,13 @@ def test_a_pause_does_not_wait_for_a_rebuild_and_nothing_moves_after_it() -> Non
     with simulation_of(engine) as sim:
         sim.play(speed=5.0)
         wait_until(lambda: sim.state.time_s > 0.0)
-        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         wait_until(lambda: engine.last_rebuild is not None)
         assert took_s(sim.pause) < 1.0
         state = sim.state
         assert not state.playing
         assert (
-            took_s(lambda: sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True))
-            < 1.5 + SOON_S
+            took_s(lambda: sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)) < 1.5 + SOON_S
         )
         assert sim.state.time_s == state.time_s
 
@@ -167,7 +164,7 @@ def test_a_pause_while_edits_delay_the_ticks(pool: ThreadPoolExecutor) -> None:
 
         def edit() -> None:
             while not ended.is_set():
-                sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
+                sim.engine.run(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
 
         edits = pool.submit(edit)
         try:
@@ -185,11 +182,11 @@ def test_the_state_after_an_edit_has_the_time_that_a_rebuild_is_expected_to_take
         assert sim.state.expected_rebuild_s > 0.0
         sim.step(0.1)
         assert sim.state.expected_rebuild_s == 0.0
-        sim.run_on_engine(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetLabel(MUG, "M")), edits=True)
         assert sim.state.expected_rebuild_s == 0.0
         physics = BodyPhysics(mobility=Mobility.STATIC)
         start_s = time.monotonic()
-        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, physics)), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetPhysics(MUG, physics)), edits=True)
         few_s = sim.state.expected_rebuild_s
         assert 0.0 < few_s < 10.0
         sim.step(0.1)
@@ -225,14 +222,12 @@ def test_a_call_that_times_out_says_how_long_the_rebuild_is_expected_to_take() -
     """The timeout ends while a call of another caller runs, not while the model is rebuilt."""
     with simulation_of(RebuildingNullEngine(0.5)) as sim:
         may_end = threading.Event()
-        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
-        blocked = threading.Thread(
-            target=lambda: sim.run_on_engine(lambda _: may_end.wait(TIMEOUT_S), label="long call")
-        )
+        sim.engine.run(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
+        blocked = threading.Thread(target=lambda: sim.engine.run(lambda _: may_end.wait(TIMEOUT_S), label="long call"))
         blocked.start()
         try:
             with pytest.raises(SimulationTimeoutError) as raised:
-                sim.run_on_engine(lambda _: None, label="short call", timeout_s=0.2)
+                sim.engine.run(lambda _: None, label="short call", timeout_s=0.2)
         finally:
             may_end.set()
             blocked.join(TIMEOUT_S)
@@ -242,15 +237,15 @@ def test_a_call_that_times_out_says_how_long_the_rebuild_is_expected_to_take() -
 
 def test_timeouts_are_extended_by_a_rebuild_only() -> None:
     with simulation_of(RebuildingNullEngine(1.0)) as sim:
-        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         start_s = time.monotonic()
-        sim.run_on_engine(lambda engine: engine.step(0.1), label="step", timeout_s=0.2)  # rebuilds for 1 s
+        sim.engine.run(lambda engine: engine.step(0.1), label="step", timeout_s=0.2)  # rebuilds for 1 s
         assert time.monotonic() - start_s >= 1.0
-        sim.run_on_engine(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetPhysics(MUG, BodyPhysics())), edits=True)
         may_end = threading.Event()
         start_s = time.monotonic()
         with pytest.raises(SimulationTimeoutError):
-            sim.run_on_engine(lambda _: may_end.wait(TIMEOUT_S), label="no rebuild", timeout_s=0.2)
+            sim.engine.run(lambda _: may_end.wait(TIMEOUT_S), label="no rebuild", timeout_s=0.2)
         assert time.monotonic() - start_s < TIMEOUT_S / 2
         may_end.set()
 
@@ -280,9 +275,9 @@ class Observer:
 def test_the_interval_of_an_observer_is_limited(interval_s: float) -> None:
     with simulation_of(NullEngine()) as sim:
         with pytest.raises(InvalidArgumentError, match="observer interval"):
-            sim.observe(Observer(interval_s))
+            sim.observers.add(Observer(interval_s))
         observer = Observer(0.05)
-        sim.observe(observer)
+        sim.observers.add(observer)
         observer.interval_s = 0.0  # changed later
         sim.step(0.02)
         assert 10 < len(observer.times) < 40
@@ -291,7 +286,7 @@ def test_the_interval_of_an_observer_is_limited(interval_s: float) -> None:
 def test_observers_get_states_at_their_interval_while_it_plays_faster_than_it_can() -> None:
     with simulation_of(MujocoEngine()) as sim:
         observer = Observer(0.05)
-        sim.observe(observer)
+        sim.observers.add(observer)
         sim.play(speed=1000.0)
         wait_until(lambda: len(observer.times) > 40)
         sim.pause()

@@ -99,7 +99,7 @@ def test_loose_furniture_stays_loose_in_a_map_whose_walls_are_static(load_map: L
     report = simulation.spawn(check_rest=True)
     assert not notes_of(report, SpawnNoteKind.IMMOVABLE)
     assert not report.moved
-    simulation.run_on_engine(lambda engine: engine.apply_force(BodyId("chair0"), (0.0, 0.0, 2000.0)))
+    simulation.engine.run(lambda engine: engine.apply_force(BodyId("chair0"), (0.0, 0.0, 2000.0)))
     simulation.step(0.1)
     heights = dict(zip(simulation.state.ids, simulation.state.poses[:, 2].tolist(), strict=True))
     assert heights["chair0"] > 0.47
@@ -237,14 +237,14 @@ def test_checking_the_rest_leaves_the_world_as_it_was(load_map: LoadMap) -> None
     before = simulation.state.poses
     assert simulation.check_rest()
     assert np.array_equal(simulation.state.poses, before)
-    assert simulation.notes == ()
+    assert simulation.engine.notes == ()
 
 
 def test_what_falls_out_of_the_place_is_stopped_and_reported_once(load_map: LoadMap) -> None:
     _, simulation = load_map(ROOM[0]._replace(mobility="Static"), Actor("ball", "Ball", (20, 0, 1), (0.2, 0.2, 0.2)))
     simulation.spawn(ground=False)
     simulation.step(4.0)
-    assert [note.kind for note in simulation.notes] == [SpawnNoteKind.STOPPED]
+    assert [note.kind for note in simulation.engine.notes] == [SpawnNoteKind.STOPPED]
     assert drift(simulation, 1.0)["ball"] < 1e-9
 
 

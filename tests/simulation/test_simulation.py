@@ -49,7 +49,7 @@ def test_a_spawned_world_equals_its_snapshot_and_is_published(sim: Simulation) -
 
 
 def test_every_call_runs_in_the_engine_thread(sim: Simulation) -> None:
-    names = {sim.run_on_engine(lambda engine: threading.current_thread().name) for _ in range(3)}
+    names = {sim.engine.run(lambda engine: threading.current_thread().name) for _ in range(3)}
     assert names == {"mindstage-simulation"}
 
 
@@ -72,12 +72,12 @@ def test_a_call_that_takes_too_long_times_out_and_the_next_works(knowledge: Know
     release = threading.Event()
     with Simulation(knowledge, NullEngine(), timeout_s=1.0) as sim:
         with pytest.raises(SimulationTimeoutError, match="slow"):
-            sim.run_on_engine(lambda engine: release.wait(60), label="slow")
+            sim.engine.run(lambda engine: release.wait(60), label="slow")
         ran: list[str] = []
         with pytest.raises(SimulationTimeoutError):
-            sim.run_on_engine(lambda engine: ran.append("late"), label="queued behind")
+            sim.engine.run(lambda engine: ran.append("late"), label="queued behind")
         release.set()
-        sim.run_on_engine(lambda engine: None, timeout_s=60.0)
+        sim.engine.run(lambda engine: None, timeout_s=60.0)
         assert ran == [], "a canceled call was executed"
 
 
@@ -130,7 +130,7 @@ def test_a_light_body_can_be_lifted_without_oscillation(sim: Simulation) -> None
 def test_reset_restores_the_spawned_world(sim: Simulation) -> None:
     sim.spawn(room())
     sim.step(0.5)
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("mug"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("mug"),))), edits=True)
     sim.reset()
     assert diff(room(), sim.snapshot()).identical(0.0)
 
@@ -141,14 +141,14 @@ def test_reset_works_for_an_engine_that_cannot_save(knowledge: KnowledgeBase) ->
 
     with Simulation(knowledge, EngineWithoutSave()) as sim:
         sim.spawn(room())
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("mug"): Pose((9, 9, 9))})), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetPoses({BodyId("mug"): Pose((9, 9, 9))})), edits=True)
         sim.reset()
         assert diff(room(), sim.snapshot()).identical(0.0)
 
 
 def test_a_diverged_simulation_pauses_with_an_error_until_it_is_reset(sim: Simulation) -> None:
     sim.spawn(room())
-    sim.run_on_engine(lambda engine: engine.apply_force(BodyId("mug"), (1e30, 0.0, 0.0)))
+    sim.engine.run(lambda engine: engine.apply_force(BodyId("mug"), (1e30, 0.0, 0.0)))
     sim.play()
     wait_until(lambda: sim.state.error)
     assert "mug" in sim.state.error
@@ -170,7 +170,7 @@ def test_revisions_count_edits_and_not_motion(sim: Simulation) -> None:
 
 def test_a_reset_is_published_as_an_edit(sim: Simulation) -> None:
     sim.spawn(room())
-    sim.run_on_engine(lambda engine: engine.apply(Delete((BodyId("mug"),))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((BodyId("mug"),))), edits=True)
     before, notified = sim.state.revision, threading.Event()
     sim.clients.on_edit(notified.set)
     sim.reset()

@@ -140,7 +140,7 @@ def test_a_deleted_door_is_restored_with_its_joint_position(sim: Simulation, del
     assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.5, abs=1e-6)
     sim.edits.move(DOOR, joint.pose_for("swing1", -0.7, poses(sim)))
     assert joint.positions(poses(sim))["swing1"] == pytest.approx(-0.7, abs=1e-6)
-    if sim.engine_name == "mujoco":
+    if sim.engine.name == "mujoco":
         for out_of_range in (-0.8, 0.5):  # the latter is in the map's range, but in the fridge
             with pytest.raises(PoseUnreachableError):
                 sim.edits.move(DOOR, joint.pose_for("swing1", out_of_range, poses(sim)))
@@ -150,7 +150,7 @@ def test_a_door_is_restored_at_the_current_pose_of_its_fridge(sim: Simulation) -
     joint = hinge(sim)
     sim.edits.move(DOOR, joint.pose_for("swing1", -0.5, poses(sim)))
     sim.edits.delete([DOOR, GRIP])
-    sim.run_on_engine(
+    sim.engine.run(
         lambda engine: engine.apply(SetPoses({FRIDGE: Pose((-2.0, 1.0, 0.9), (0.0, 0.0, 0.0, 1.0))})), edits=True
     )
     sim.edits.undo()
@@ -161,7 +161,7 @@ def test_a_door_is_restored_at_the_current_pose_of_its_fridge(sim: Simulation) -
 
 def test_a_detached_body_is_restored_at_its_relative_pose_after_its_parent_moved(sim: Simulation) -> None:
     sim.edits.detach(HANDLE)
-    sim.run_on_engine(lambda engine: engine.apply(SetPoses({DRAWER: Pose((1.75, 0.0, 0.65))})), edits=True)
+    sim.engine.run(lambda engine: engine.apply(SetPoses({DRAWER: Pose((1.75, 0.0, 0.65))})), edits=True)
     sim.edits.undo()
     assert poses(sim)[HANDLE][:3] == pytest.approx((1.48, 0.0, 0.65), abs=1e-6)
     assert [each.child for each in sim.snapshot().attachments if each.parent == DRAWER] == [HANDLE]
@@ -196,7 +196,7 @@ def test_a_failed_undo_changes_nothing(sim: Simulation) -> None:
     sim.edits.attach(DRAWER, MUG)
     sim.edits.undo()
     sim.edits.redo()
-    sim.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
+    sim.engine.run(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     before = sim.snapshot()
     with pytest.raises(WorldError):
         sim.edits.undo()
@@ -265,7 +265,7 @@ def maps(tmp_path: Path) -> Iterator[Callable[[World], KnowledgeBase]]:
 def shown(sim: Simulation) -> tuple[object, ...]:
     """What a user sees of a simulation; of poses and positions every bit."""
     answers = {name: sim.ask(name).to_dicts() for name in ("pose_of", "where_is", "analyze")}
-    positions = sim.run_on_engine(lambda engine: repr(engine.actuator_states() if sim.robots else {}))
+    positions = sim.engine.run(lambda engine: repr(engine.actuator_states() if sim.robots else {}))
     poses = sim.state.ids, sim.state.poses.tobytes(), sim.state.time_s
     maps = sim.knowledge.maps(), tuple(sim.worlds), dict(sim.geometry), sim.immovable
     return (*poses, sim.snapshot(), *maps, tuple(sim.robots), positions, answers, sim.state.highlight_groups)
@@ -420,7 +420,7 @@ def test_what_happens_in_a_context_is_one_step(sim: Simulation) -> None:
     before = sim.snapshot()
     with edits.one_step("tidy up"):
         edits.delete([HANDLE])
-        sim.run_on_engine(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
+        sim.engine.run(lambda engine: engine.apply(Attach(DRAWER, MUG)), edits=True)
         edits.set_label(MUG, "cup")
     after = sim.snapshot()
     assert edits.history.undo == ("tidy up", "pose of Mug"), "the edits within it are parts of it"
@@ -434,10 +434,10 @@ def test_what_happens_in_a_context_is_one_step(sim: Simulation) -> None:
 
 def test_a_context_in_which_nothing_moves_is_no_step_and_one_that_fails_is(sim: Simulation) -> None:
     with sim.edits.one_step("wait"):
-        sim.run_on_engine(lambda engine: engine.poses())
+        sim.engine.run(lambda engine: engine.poses())
     assert sim.edits.history.undo == ()
     with pytest.raises(RuntimeError), sim.edits.one_step("fail"):  # noqa: PT012
-        sim.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
+        sim.engine.run(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
         raise RuntimeError
     assert sim.edits.history.undo == ("fail",)
 
@@ -484,11 +484,11 @@ def test_a_door_beyond_its_limit_is_restored_there(physics: Simulation) -> None:
 def test_a_robot_stands_again_after_a_deletion_and_some_time(physics: Simulation, link: str) -> None:
     robot = add_robot(physics, "mobile_manipulator", Pose((0.3, -1.5, 0.0)))
     physics.step(0.2)
-    before, commands = physics.snapshot(), physics.run_on_engine(lambda engine: engine.actuator_states())
+    before, commands = physics.snapshot(), physics.engine.run(lambda engine: engine.actuator_states())
     physics.edits.delete([BodyId(link)])
     physics.edits.undo()
     assert is_same(before, physics.snapshot())
-    restored = physics.run_on_engine(lambda engine: engine.actuator_states())
+    restored = physics.engine.run(lambda engine: engine.actuator_states())
     assert {name: each.command for name, each in restored.items()} == {
         name: each.command for name, each in commands.items()
     }
@@ -499,7 +499,7 @@ def test_a_robot_stands_again_after_a_deletion_and_some_time(physics: Simulation
     physics.step(0.1)
     physics.edits.undo()
     assert robot.exists
-    assert len(physics.run_on_engine(lambda engine: engine.actuator_states())) == len(commands)
+    assert len(physics.engine.run(lambda engine: engine.actuator_states())) == len(commands)
 
 
 def test_bodies_that_move_one_another_are_moved_back(sim: Simulation) -> None:

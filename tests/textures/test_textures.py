@@ -22,8 +22,9 @@ from mindstage.textures import (
     texture_set,
 )
 from mindstage.textures.baking import bake, content_version
+from tests.cases import each_case
 
-EACH = pytest.mark.parametrize("name", texture_names())
+EACH = each_case("name", texture_names())
 _baked: dict[str, TextureSet] = {}
 
 

@@ -126,7 +126,9 @@ def states(page: Page, simulation: Simulation) -> Iterator[str]:
             page.keyboard.press("Escape")
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "size", [pytest.param(size, marks=pytest.mark.slow if size == "tablet" else []) for size in SIZES]
+)
 def test_no_state_of_the_page_violates_wcag(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage, axe: str, size: str
 ) -> None:

@@ -323,7 +323,7 @@ def test_a_question_has_a_timeout_and_other_requests_are_answered(
             with pytest.raises(RequestFailedError, match=rf"QueryLimitError: .*{label}"):
                 page.ask(method, **arguments)
         assert page.ask("ask.questions")
-        assert simulation.ping() < 10.0
+        assert simulation.engine.ping() < 10.0
     finally:
         enough.set()
         pool.close()

@@ -19,6 +19,7 @@ from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.transforms import pose_array
 from mindstage.viewer import client_views as camera_module
 from mindstage.viewer.client_views import ClientViews, Ghost, GizmoMode, MountCulling, Snapping
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeClient, FakeServer
 
@@ -331,7 +332,7 @@ def turned(degrees: float, axis: tuple[float, float, float], position: Vector = 
 Z = (0.0, 0.0, 1.0)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("snapping", "start", "moved", "expected"),
     [
         (Snapping(), Pose((0.1, 0.2, 0.3)), Pose((0.123, 0.2, 0.9)), Pose((0.123, 0.2, 0.9))),

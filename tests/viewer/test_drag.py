@@ -128,7 +128,7 @@ def test_a_drag_starts_at_the_clicked_point(simulation: RecordingSimulation, con
 
 def test_the_point_is_in_the_frame_of_the_body(simulation: RecordingSimulation, controller: DragController) -> None:
     turned = Pose((1.0, 2.0, 3.0), (np.cos(pi / 4), 0.0, 0.0, np.sin(pi / 4)))
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: turned})), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({MUG: turned})), edits=True)
     controller.start("ann", MUG, (1.0, 2.5, 3.0))
     assert simulation.pulls[MUG][0] == pytest.approx((0.5, 0.0, 0.0))
 
@@ -147,7 +147,7 @@ def test_the_axis_of_a_drawer_moves_with_its_cupboard(simulation: RecordingSimul
     quarter = (np.cos(pi / 4), 0.0, 0.0, np.sin(pi / 4))
     controller = DragController(simulation)
     controller.set_world(kitchenette())
-    simulation.run_on_engine(
+    simulation.engine.run(
         lambda engine: engine.apply(SetPoses({BodyId("Cupboard"): Pose((2.0, 0.0, 0.4), quarter)})), edits=True
     )
     controller.start("ann", DRAWER, (1.95, 0.0, 0.65))
@@ -208,7 +208,7 @@ def test_a_body_dragged_by_two_clients_is_released_by_the_last(
 
 def test_deleting_a_body_ends_its_drag(simulation: RecordingSimulation, controller: DragController) -> None:
     controller.start("ann", MUG, (2.0, 0.0, 0.85))
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     controller.move("ann", (2.0, 0.0, 1.2), EYE)
     assert controller.drag_forces == ()
     assert simulation.released == [MUG]

@@ -119,7 +119,9 @@ def save_the_map(page: Page, folder: Path) -> Path:
     return folder / "kitchen.ttl"
 
 
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize(
+    "size", [pytest.param(size, marks=[] if size == "phone" else pytest.mark.slow) for size in SIZES]
+)
 def test_a_new_user_is_led_through_the_tour(kitchen: Simulation, browser: Any, tmp_path: Path, size: str) -> None:
     with Viewer(kitchen, port=0) as viewer:
         viewer.offer_tour()
@@ -144,9 +146,10 @@ def test_a_new_user_is_led_through_the_tour(kitchen: Simulation, browser: Any, t
 
 @pytest.fixture
 def blind_page(viewer: Viewer, panel_browser: Any) -> Iterator[Page]:
-    """A page without the 3D view, for speed."""
+    """A page without the 3D view, for speed; tests may advance its clock."""
     viewer.offer_tour()
     page = panel_browser.new_page()
+    page.clock.install()
     page.set_default_timeout(TIMEOUT_S * 1000)
     page.route("**/view/**", lambda route: route.fulfill(body="", content_type="text/html"))
     page.goto(viewer.url)
@@ -183,5 +186,5 @@ def test_a_step_is_not_done_by_something_else(blind_page: Page) -> None:
     for _ in range(2):
         blind_page.locator("[data-action=tour-skip]").click()
     blind_page.evaluate("mindstage.channel.call('ask', {question: 'where_is', args: {thing: 'Mug'}})")
-    blind_page.wait_for_timeout(2500)
+    blind_page.clock.run_for(2500)
     assert title(blind_page) == STEPS[2], "another question does not finish the step"

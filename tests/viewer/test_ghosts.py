@@ -22,6 +22,7 @@ from mindstage.viewer.ghosts import (
     end_pose_ghosts,
     trail_ghosts,
 )
+from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeServer
 
@@ -192,7 +193,7 @@ def test_a_replay_turns_the_shorter_way() -> None:
     assert abs(ghost.poses[0, 3]) == pytest.approx(1.0), "both quaternions are the same orientation"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("frames", "moves"),
     [
         ([], False),

@@ -47,7 +47,7 @@ def test_markers_are_drawn_changed_moved_and_removed(
     points = ((0.0, -0.2, 0.0), (0.0, 0.2, 0.0))
     for number, form in enumerate(MarkerType):
         pose = Pose((1.2, 0.25 * number - 0.75, 1.3))
-        simulation.add_markers(
+        simulation.markers.add(
             [Marker(id=f"a/{form.value}", type=form, pose=pose, color=RED, points=points, text="I plan", body="Mug")]
         )
     tab = open_view(viewer)
@@ -55,19 +55,19 @@ def test_markers_are_drawn_changed_moved_and_removed(
     wait_until(lambda: count_pixels(tab, RED) > 100, "a later client sees them")
     assert set(viewer._markers._nodes) == {f"a/{form.value}" for form in MarkerType}
     line = Marker(id="line", type=MarkerType.LINE_STRIP, pose=IN_FRONT, size=(0.1, 0.1, 0.1), color=BLUE, points=points)
-    simulation.add_markers([line])
+    simulation.markers.add([line])
     wait_until(lambda: count_pixels(tab, BLUE) > 100, "the line has its color")
-    simulation.add_markers([replace(line, pose=Pose((1.2, 0.3, 100.0)))])
+    simulation.markers.add([replace(line, pose=Pose((1.2, 0.3, 100.0)))])
     wait_until(lambda: count_pixels(tab, BLUE) == 0, "the line is out of view")
-    simulation.remove_markers([marker.id for marker in simulation.state.markers])
+    simulation.markers.remove([marker.id for marker in simulation.state.markers])
     wait_until(lambda: count_pixels(tab, RED) == 0, "all markers are removed")
 
 
 def test_invisible_markers_are_no_error(simulation: Simulation, viewer: Viewer) -> None:
     for form in MarkerType:
-        simulation.add_markers([Marker(id=f"{form.value} of nothing", type=form, size=(0.0, 0.0, 0.0))])
-        simulation.add_markers([Marker(id=f"{form.value} of glass", type=form, opacity=0.0, points=((0.0, 0.0, 0.0),))])
-    simulation.add_markers([Marker(id="turned by nothing", type=MarkerType.CUBE, pose=Pose((0, 0, 0), (0, 0, 0, 0)))])
+        simulation.markers.add([Marker(id=f"{form.value} of nothing", type=form, size=(0.0, 0.0, 0.0))])
+        simulation.markers.add([Marker(id=f"{form.value} of glass", type=form, opacity=0.0, points=((0.0, 0.0, 0.0),))])
+    simulation.markers.add([Marker(id="turned by nothing", type=MarkerType.CUBE, pose=Pose((0, 0, 0), (0, 0, 0, 0)))])
     frame = simulation.state
     wait_until(
         lambda: viewer._snapshot is not None and viewer._snapshot.markers is frame.markers, "the page is updated"
@@ -80,12 +80,12 @@ def test_a_body_copy_looks_like_its_body_while_that_exists(simulation: Simulatio
         node = viewer._markers._nodes.get("soon")
         return len(node.vertices) if node is not None else 0
 
-    simulation.add_markers(
+    simulation.markers.add(
         [Marker(id="soon", type=MarkerType.BODY_COPY, body="Mug", pose=IN_FRONT, color=BLUE, opacity=0.4)]
     )
     wait_until(vertices, "the copy is shown")
     assert vertices() == len(merge_visuals(simulation.geometry[BodyId("Mug")].visuals).points)
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
     wait_until(lambda: not vertices(), "the copy is removed with its body")
     simulation.spawn(replace(kitchenette(), bodies=(kitchenette().body("Mug"),), joints=(), attachments=()))
     wait_until(vertices, "the copy is shown again")
@@ -97,7 +97,7 @@ def test_lines_points_and_boxes_have_the_sizes_places_and_colors_of_their_marker
     quarter = Pose((1.0, 2.0, 3.0), (0.5**0.5, 0.0, 0.0, 0.5**0.5))
     points = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, 0.0))
     shared = {"pose": quarter, "color": RED, "points": points}
-    simulation.add_markers(
+    simulation.markers.add(
         [
             Marker(id="strip", type=MarkerType.LINE_STRIP, size=(0.03, 0.0, 0.0), **shared),
             Marker(id="cloud", type=MarkerType.POINTS, size=(0.05, 0.05, 0.0), **shared),

@@ -60,7 +60,7 @@ def test_the_buttons_play_pause_step_and_reset(simulation: Simulation, viewer: V
     wait_until(lambda: speed.input_value() == "0.5", "the speed on the page is updated")
     tab.click_button("play")
     wait_until(lambda: not simulation.state.playing and tab.shows_text("paused"), "the simulation is paused")
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): kitchenette().body("Fridge").pose})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): kitchenette().body("Fridge").pose})))
     tab.click_button("reset")
     wait_until(lambda: np.allclose(position(simulation, "Mug"), (2.0, 0.0, 0.85)), "the mug is at its initial pose")
 

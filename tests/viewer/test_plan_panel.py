@@ -152,7 +152,7 @@ def test_open_copies_are_drawn_as_ghosts_until_they_are_closed(
     tab: PageTab, viewer: Viewer, simulation: Simulation
 ) -> None:
     with simulation.fork() as first, simulation.fork() as second:
-        first.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.5, 0.0, 1.0))})))
+        first.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.5, 0.0, 1.0))})))
         second.place("Mug", on="Fridge")
         wait_until(lambda: len([each for each in layers(viewer) if each.startswith("copy")]) == 2, "both are drawn")
         names = sorted(layers(viewer))

@@ -191,7 +191,7 @@ def test_robots_are_added_on_the_free_floor_and_removed(tab: PageTab, simulation
     assert np.linalg.norm(np.subtract(added.base_pose()[:2], find_robot(simulation, NAME).base_pose()[:2])) > 0.5
     simulation.step(0.2)
     wait_until(lambda: added.name in tab.page.locator("[data-role=robot]").input_value(), "it is chosen")
-    assert not simulation.run_on_engine(
+    assert not simulation.engine.run(
         lambda engine: [
             each for each in engine.contacts() if each.a in added.body_ids and each.b not in (*added.body_ids, "Floor")
         ]

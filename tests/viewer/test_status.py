@@ -95,7 +95,7 @@ def test_the_status_is_throttled_except_for_added_or_removed_bodies(
     before = page.latest_value("status")
     handler.publish(msgspec.structs.replace(simulation.state, time_s=1000.0))
     assert page.latest_value("status") == before
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Mug"),))), edits=True)
     handler.publish(simulation.state)
     after = page.latest_value("status")
     assert (after["bodies"], after["report"]) == (before["bodies"] - 1, before["report"])

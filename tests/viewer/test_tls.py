@@ -16,16 +16,19 @@ import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import serialization
 from playwright.sync_api import Error
+from typer.testing import CliRunner
 
 from mindstage.access.certificates import TlsCertificate, client_tls_context
 from mindstage.access.gate import Gate
 from mindstage.access.limits import VisitorLimits
+from mindstage.cli.app import app
 from mindstage.engines import NullEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.simulation import Simulation
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import RequestFilter
 from tests.bridge.certificates import Certificates, certificates
+from tests.cases import each_case
 
 __all__ = ["certificates"]
 
@@ -122,7 +125,7 @@ def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates)
             process.wait(TIMEOUT_S)
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("arguments", "message"),
     [
         (("--tls-key", "key.pem"), "--tls-key: it requires --tls-cert"),
@@ -134,7 +137,6 @@ def test_the_command_line_serves_both_ports_over_tls(certificates: Certificates)
     ],
 )
 def test_wrong_options_are_refused_before_anything_is_loaded(arguments: tuple[str, ...], message: str) -> None:
-    command = [sys.executable, "-m", "mindstage", "serve", "no-such-map.owl", "--engine", "null", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
-    assert done.returncode == 2
+    done = CliRunner().invoke(app, ["serve", "no-such-map.owl", "--engine", "null", *arguments], prog_name="mindstage")
+    assert done.exit_code == 2
     assert message in done.stderr

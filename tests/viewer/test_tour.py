@@ -179,7 +179,7 @@ def position_of(kitchen: Simulation, id: BodyId) -> Vector:
 
 def opened(kitchen: Simulation) -> float:
     """The position of the door joint in the engine [rad]."""
-    positions = kitchen.run_on_engine(lambda engine: engine.joint_positions())
+    positions = kitchen.engine.run(lambda engine: engine.joint_positions())
     return max(positions[BodyId(HINGE)], key=abs)
 
 

@@ -187,8 +187,8 @@ def test_a_member_of_a_batch_is_clicked_highlighted_moved_and_removed(
     wait_until(green, "the clicked body is green")
     simulation.clear_highlights()
     wait_until(lambda: not green(), "the highlight is cleared")
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((BodyId("Mug2"),))), edits=True)
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Mug4"): Pose((1.2, 0.0, 1.4))})))
+    simulation.engine.run(lambda engine: engine.apply(Delete((BodyId("Mug2"),))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug4"): Pose((1.2, 0.0, 1.4))})))
     wait_until(lambda: viewer._scene.appearances.keys() == set(simulation.state.ids), "the page is updated")
     wait_until(lambda: clicked((1.12, 0.0, 1.4)) == "Mug4", "the moved body is clickable")
     assert clicked((1.12, 0.5, 1.4)) == "Mug3"
@@ -217,7 +217,7 @@ def test_late_and_reconnecting_clients_see_the_current_state(
 ) -> None:
     ann = open_view(viewer)
     ann.wait_for("/bodies/Mug/textured")
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     viewer.select(BodyId("Fridge"))
     late = open_view(viewer)
     late.wait_for("/bodies/Fridge/textured")
@@ -237,7 +237,7 @@ def test_late_and_reconnecting_clients_see_the_current_state(
 def test_a_gizmo_moves_the_selected_body_in_steps_and_puts_it_down(
     simulation: Simulation, viewer: Viewer, open_view: OpenView
 ) -> None:
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Fridge"): Pose((2.0, 1.0, 1.1))})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Fridge"): Pose((2.0, 1.0, 1.1))})))
     ann = open_view(viewer)
     ann.wait_for("/bodies/Fridge/textured")
     viewer.views.select(BodyId("Fridge"), client=ann.number)

@@ -142,10 +142,10 @@ def test_a_world_spawned_later_is_shown() -> None:
 
 def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
-    simulation.run_on_engine(lambda engine: engine.apply(Delete((MUG,))), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(Delete((MUG,))), edits=True)
     wait_until(lambda: not shown(viewer, "Mug"), "the mug is gone")
     other = replace(kitchenette().body("Mug"), id=BodyId("Other"))
-    simulation.run_on_engine(
+    simulation.engine.run(
         lambda engine: engine.apply(Spawn(replace(kitchenette(), bodies=(other,), joints=(), attachments=()))).report
     )
     wait_until(lambda: shown(viewer, "Other"), "an unannounced edit is shown, too")
@@ -154,7 +154,7 @@ def test_added_and_removed_bodies_are_shown_on_the_page(simulation: Simulation, 
 def test_moving_bodies_move_on_the_page(simulation: Simulation, viewer: Viewer) -> None:
     wait_until(lambda: shown(viewer, "Mug"), "the mug is shown")
     pose = replace(kitchenette().body("Mug").pose, position=(1.0, 2.0, 3.0))
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: pose})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({MUG: pose})))
     nodes = viewer._scene._bodies
     assert nodes._blocks is not None
     rows = nodes._blocks._rows
@@ -185,7 +185,7 @@ def test_bodies_that_become_dynamic_are_draggable(simulation: Simulation, viewer
     assert "Fridge" not in viewer._drag_controller.draggable
     dynamic = kitchenette().body("Mug").physics
     assert isinstance(dynamic, BodyPhysics)
-    simulation.run_on_engine(lambda engine: engine.apply(SetPhysics(BodyId("Fridge"), dynamic)), edits=True)
+    simulation.engine.run(lambda engine: engine.apply(SetPhysics(BodyId("Fridge"), dynamic)), edits=True)
     wait_until(lambda: "Fridge" in viewer._drag_controller.draggable, "the fridge is draggable")
 
 
@@ -193,7 +193,7 @@ def test_highlighting_redraws_no_bodies(simulation: Simulation, viewer: Viewer) 
     wait_until(lambda: shown(viewer, "Mug"), "the kitchen is shown")
     cupboard = viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured")
     away = replace(kitchenette().body("Drawer").pose, position=(0.0, 3.0, 0.0))
-    simulation.run_on_engine(lambda engine: engine.apply(SetPoses({BodyId("Drawer"): away})))
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Drawer"): away})))
     simulation.highlight([MUG], (1.0, 0.0, 0.0))
     wait_until(lambda: shown_plain(viewer, "Mug"), "the page is updated")
     assert viewer._server.scene.get_handle_by_name("/bodies/Cupboard/textured") is cupboard
@@ -238,7 +238,7 @@ def test_a_failed_update_is_shown_logged_once_and_retried(
     with caplog.at_level(logging.ERROR), connect_page_client(viewer.url) as client:
         with monkeypatch.context() as broken:
             broken.setattr(simulation, "snapshot", fail)
-            simulation.run_on_engine(lambda engine: None, edits=True)
+            simulation.engine.run(lambda engine: None, edits=True)
             wait_until(
                 lambda: "no snapshot today" in (client.latest_value("viewer_error") or ""),
                 "the error is shown",

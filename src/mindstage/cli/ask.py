@@ -113,7 +113,7 @@ class HighlightRun:
             print_failures(report)
             for item in () if self.quiet else result.unhighlighted:
                 warn(f"not highlighted: {item.id}: {item.reason}")
-            fields: dict[str, object] = {"engine": simulation.engine_name, "spawn": report_json(report)}
+            fields: dict[str, object] = {"engine": simulation.engine.name, "spawn": report_json(report)}
             fields |= _highlight_json(result, self.color)
             if answers and self.has_page:
                 announce = partial(self._announce, print_answers, answers, result, fields)

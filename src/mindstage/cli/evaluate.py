@@ -183,7 +183,7 @@ def evaluate(
             verdict = evaluate_plan(simulation, file, **tried, progress=progress, cancel=interrupted.is_set)
         if as_json:
             drawn = {} if picture is None else {"picture": str(picture)}
-            print_json({"map": world.iri, "engine": simulation.engine_name, **verdict.to_dict(), **drawn})
+            print_json({"map": world.iri, "engine": simulation.engine.name, **verdict.to_dict(), **drawn})
         else:
             _print_verdict(verdict, verbose=verbose)
         if picture is not None and not interrupted.is_set():

@@ -93,7 +93,7 @@ def place(
             report = simulation.spawn(world)
         with progress_spinner("placing"):
             placement = place_items(simulation, listed)
-        output: dict[str, object] = {"map": world.iri, "engine": simulation.engine_name, "spawn": report_json(report)}
+        output: dict[str, object] = {"map": world.iri, "engine": simulation.engine.name, "spawn": report_json(report)}
         output |= _report_json(placement)
         if not as_json:
             print_findings(findings, all=verbose, classes=class_lookup(knowledge))

@@ -326,7 +326,7 @@ def _scene(
         try:
             time_s = history.end_s if at is None else at
             with history.resume(time_s) as sim:
-                yield sim, {"episode": episodes[0], "at_s": time_s, "engine": sim.engine_name}
+                yield sim, {"episode": episodes[0], "at_s": time_s, "engine": sim.engine.name}
         finally:
             history.close()
         return
@@ -340,7 +340,7 @@ def _scene(
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)
-        yield sim, {"map": world.iri, "engine": sim.engine_name, "spawn": report_json(report)}
+        yield sim, {"map": world.iri, "engine": sim.engine.name, "spawn": report_json(report)}
 
 
 def _open(simulation: Simulation, texts: Sequence[str]) -> None:

@@ -201,7 +201,7 @@ def serve(
         )
         resources.callback(interface.close)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
-        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine_name, **spawned}
+        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine.name, **spawned}
         if with_viewer:
             output["viewer"] = _serve_viewer(resources, simulation, viewer_port, access)
         _answer_queries(simulation, page=output.get("viewer", ""))

@@ -89,14 +89,14 @@ def exclusive(simulation: Simulation) -> Iterator[None]:
     Raises:
         EngineUnavailableError: the remote world is not empty.
     """
-    if not is_remote_engine(simulation.engine_name):
+    if not is_remote_engine(simulation.engine.name):
         yield
         return
     world = simulation.snapshot()
     if world.bodies or world.lights or world.facts or world.resources:
         cause = f"its world is not empty ({world.name or world.iri}, with {len(world.bodies)} bodies)"
         remedy = "use one without a map, as started by mindstage serve without arguments"
-        raise EngineUnavailableError(simulation.engine_name, cause=cause, remedy=remedy)
+        raise EngineUnavailableError(simulation.engine.name, cause=cause, remedy=remedy)
     try:
         yield
     except BaseException:

@@ -210,7 +210,7 @@ def shot(
         step_with_progress(sim, view.simulated_s)
         results, verdict = [target.apply(sim) for target in targets], None if loaded is None else _try_plan(sim, loaded)
         take_picture(sim, screenshot, output, verdict=verdict)
-    summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine_name}
+    summary = {"map": world.iri, "picture": str(output), "size": screenshot.size, "engine": sim.engine.name}
     tried = {} if verdict is None else {"verdict": str(verdict)}
     _print_result({**summary, **tried, "spawn": report_json(report)}, results, as_json=as_json)
     return ExitCode.OK

@@ -182,7 +182,7 @@ def spawn(
     """
     access = server_access(server)
     with spawned_map(maps, options, strict=strict, ground=ground) as spawned:
-        output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine_name}
+        output: dict[str, object] = {"map": spawned.world.iri, "engine": spawned.simulation.engine.name}
         output |= {"seconds": spawned.timings.seconds} | spawned.to_json()
         if not as_json:
             spawned.print(verbose=verbose)
@@ -201,15 +201,15 @@ def _run(simulation: Simulation, output: dict[str, object], *, seconds: float, a
     from mindstage.engines.environment_bounds import MOVED_DISTANCE_M
 
     with progress_spinner("preparing"):  # compiles the world
-        before = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
+        before = simulation.engine.run(lambda engine: engine.poses(), label="poses")
     wall_s = step_with_progress(simulation, seconds)
     factor = seconds / wall_s if seconds else None
     moved = _moved_bodies(simulation, *before)
     if as_json:
         output |= {"simulated_s": seconds, "real_time_factor": factor, "moved": msgspec.to_builtins(moved)}
-        print_json(output | {"notes": notes_json(simulation.notes)})
+        print_json(output | {"notes": notes_json(simulation.engine.notes)})
         return
-    print_notes(simulation.notes)
+    print_notes(simulation.engine.notes)
     if moved:
         fallen = sum(body.left_place for body in moved)
         left = f", {fallen} of them left the place" if fallen else ""
@@ -227,7 +227,7 @@ def _moved_bodies(simulation: Simulation, ids: tuple[BodyId, ...], before: Array
 
     sizes = {body.id: body.size for world in simulation.worlds for body in world.bodies}
     boxes = OrientedBoxes.from_poses(before, np.array([sizes.get(id) or (0.0, 0.0, 0.0) for id in ids]).reshape(-1, 3))
-    _, after = simulation.run_on_engine(lambda engine: engine.poses(), label="poses")
+    _, after = simulation.engine.run(lambda engine: engine.poses(), label="poses")
     return find_moved_bodies(ids, before, after, EnvironmentBounds.from_boxes(boxes))
 
 
@@ -279,7 +279,7 @@ def log(
         return _log_remote(make_engine(options.engine), out, seconds=seconds, as_json=as_json)
     with spawned_map(maps, options, strict=strict, ground=ground) as spawned:
         written = _write(spawned.simulation, out, seconds=seconds)
-        notes = spawned.simulation.notes
+        notes = spawned.simulation.engine.notes
     if as_json:
         print_json(written | spawned.to_json())
     else:
@@ -320,9 +320,9 @@ def _write(simulation: Simulation, out: Path, *, seconds: float) -> dict[str, ob
         logged = simulation.snapshot()
         save_map(logged, out)
     return {
-        "notes": notes_json(simulation.notes),
+        "notes": notes_json(simulation.engine.notes),
         "map": logged.iri,
-        "engine": simulation.engine_name,
+        "engine": simulation.engine.name,
         "simulated_s": seconds,
         "out": str(out),
         "bodies": len(logged.bodies),
@@ -359,7 +359,7 @@ def check(
         gc.disable()
         close_at_end(gc.enable)
     with spawned_map(maps, options, strict=strict, ground=ground, in_empty_world=True) as spawned:
-        engine_name, world, timings = spawned.simulation.engine_name, spawned.world, spawned.timings
+        engine_name, world, timings = spawned.simulation.engine.name, spawned.world, spawned.timings
         with progress_spinner("logging"), timings.measure("log"):
             logged = spawned.simulation.snapshot()
     with progress_spinner("writing and reading back"), timings.measure("file"):

@@ -372,7 +372,7 @@ class Episode:
             present = frame.present()
             for part in _parts(present, spawned):
                 simulation.spawn(part, geometry=self.geometry)
-            notes = simulation.run_on_engine(
+            notes = simulation.engine.run(
                 lambda engine: match_world(engine, present, worlds=spawned),
                 label="resume",
                 edits=True,

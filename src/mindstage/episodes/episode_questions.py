@@ -310,7 +310,7 @@ def _explain_holding(kb: QuestionContext, row: HoldsRow) -> Iterator[str]:
 @holds.missing
 def _missing_holding(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
     yield from _never_there((asked.a, asked.b), asked.present)
-    what = "no relation" if asked.relation is None else f"{asked.relation.value} never"
+    what = "no relation" if asked.relation is None else f"{asked.relation} never"
     yield MissingKnowledge(EVENT, TYPE, f"{what} held between them in {_asked_episodes(asked.present)}")
 
 
@@ -408,7 +408,7 @@ def _selected(kb: QuestionContext, events: Sequence[PastEvent], text: str | None
 
 @allen.missing
 def _missing_relation(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    how = "related to" if asked.relation is None else asked.relation.value.replace("_", " ")
+    how = "related to" if asked.relation is None else asked.relation.replace("_", " ")
     reason = (
         f"no {asked.first or 'event'} is {how} another {asked.second or 'event'} in {_asked_episodes(asked.present)}"
     )

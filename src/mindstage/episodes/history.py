@@ -214,7 +214,7 @@ class EpisodeHistory:
             for world in state.spawned:
                 simulation.spawn(world, geometry={each: state.geometry[each] for each in state.geometry if each in now})
             simulation.apply(Delete(tuple(each for each in simulation.state.ids if each not in now)))
-            simulation.run_on_engine(
+            simulation.engine.run(
                 lambda engine: match_world(engine, state.world, worlds=state.spawned), label="resume", edits=True
             )
         except BaseException:

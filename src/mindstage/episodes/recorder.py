@@ -45,9 +45,10 @@ from mindstage.maps.io.write import write_map
 from mindstage.ranges import Frequency, checked
 from mindstage.robots import robots_of
 from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
+from mindstage.simulation import Simulation
 from mindstage.simulation.observation import SKILL_EDIT, as_client
 
-__all__ = ["EpisodeHeader", "RecordedSimulation", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
+__all__ = ["EpisodeHeader", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
 
 _POLL_S = 0.1
 """Wall time between two turns of the writing thread [s]."""
@@ -83,48 +84,6 @@ class RecordedState(Protocol):
     @property
     def poses(self) -> PoseArray:
         """N x 7, in the order of `ids`."""
-
-
-class RecordedSimulation(Protocol):
-    """The part of `Simulation` that a recorder uses."""
-
-    knowledge: KnowledgeBase
-
-    @property
-    def engine_name(self) -> str:
-        """The name of the engine."""
-
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        """The optional capabilities of the engine."""
-
-    @property
-    def worlds(self) -> tuple[World, ...]:
-        """The worlds that were spawned."""
-
-    @property
-    def geometry(self) -> GeometryMap:
-        """The geometry of the bodies that exist."""
-
-    @property
-    def immovable(self) -> frozenset[BodyId]:
-        """Dynamic bodies that are simulated as static ones."""
-
-    @property
-    def robots(self) -> Mapping[str, object]:
-        """The robots by name."""
-
-    def run_on_engine(self, function: Callable[[Engine], T], *, label: str = "") -> T:
-        """Runs a function in the engine thread, and publishes the state."""
-
-    def observe(self, observer: Any) -> Callable[[], None]:
-        """Registers an observer; returns a function that removes it."""
-
-    def on_close(self, callback: Callable[[], None]) -> None:
-        """Registers a callback that is called before the simulation is closed."""
-
-    def keep_recorder(self, recorder: object) -> None:
-        """Makes what a recorder has recorded so far the episode that questions are about."""
 
 
 class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -174,7 +133,7 @@ class Recorder:
     @checked
     def __init__(
         self,
-        simulation: RecordedSimulation,
+        simulation: Simulation,
         path: str | os.PathLike[str],
         *,
         rate_hz: Frequency = 30.0,
@@ -203,7 +162,7 @@ class Recorder:
         self._error: Exception | None = None
         self._stopped = False
         self._frames = 0
-        capabilities = simulation.capabilities
+        capabilities = simulation.engine.capabilities
         self._has_joints = Capability.JOINTS in capabilities
         self._has_contacts = Capability.CONTACTS in capabilities
         self._last: _Capture | None = None
@@ -218,7 +177,7 @@ class Recorder:
         header = EpisodeHeader(
             episode=uuid.uuid4().hex,
             start_unix_s=time.time(),
-            engine=simulation.engine_name,
+            engine=simulation.engine.name,
             rate_hz=rate_hz,
             has_joints=self._has_joints,
             has_contacts=self._has_contacts,
@@ -227,7 +186,7 @@ class Recorder:
         self._writer = _EpisodeWriter(EpisodeFileWriter(self.path), header, simulation.knowledge, detects=events)
         self._thread = Thread(target=self._write, name="mindstage-recorder", daemon=True)
         self._thread.start()
-        self._remove = simulation.observe(self)
+        self._remove = simulation.observers.add(self)
         try:
             self._publish_now()
         except BaseException:
@@ -235,7 +194,7 @@ class Recorder:
             self._end()
             raise
         simulation.on_close(self.stop)
-        simulation.keep_recorder(self)
+        simulation.observers.recorder = self
 
     @property
     def recording(self) -> bool:
@@ -300,7 +259,7 @@ class Recorder:
 
     def _publish_now(self) -> None:
         with as_client("recorder"):  # an error of the simulation is for its other callers
-            self._simulation.run_on_engine(lambda _: None, label="record")
+            self._simulation.engine.run(lambda _: None, label="record")
 
     # -- in the engine thread ------------------------------------------------------------------------------------------
 
@@ -502,7 +461,7 @@ class Recorder:
 class RecordingFolder:
     """Records a simulation in new files of a folder, one at a time; may be used from any thread."""
 
-    def __init__(self, simulation: RecordedSimulation, folder: Path) -> None:
+    def __init__(self, simulation: Simulation, folder: Path) -> None:
         """Records nothing before `start`.
 
         Args:

@@ -364,7 +364,7 @@ class EpisodeReplay(Simulation):
             self._require_recording()
             self._replay_engine.show(time_s)
 
-        self.run_on_engine(seek, label="seek")
+        self.engine.run(seek, label="seek")
 
     @checked
     def play(self, *, speed: Speed = 1.0) -> None:
@@ -441,7 +441,7 @@ class EpisodeReplay(Simulation):
             return notes
 
         self.pause()
-        return self.run_on_engine(resume, label="resume", edits=True, timeout_s=6 * self.timeout_s)
+        return self.engine.run(resume, label="resume", edits=True, timeout_s=6 * self.timeout_s)
 
     def return_to_recording(self) -> None:
         """Ends the simulation that `resume` began, and shows the recording at that moment; else it does nothing."""
@@ -454,7 +454,7 @@ class EpisodeReplay(Simulation):
                 live.engine.close()
 
         self.pause()
-        self.run_on_engine(end, label="return", edits=True)
+        self.engine.run(end, label="return", edits=True)
         self.edits.clear()
 
     @checked
@@ -465,7 +465,7 @@ class EpisodeReplay(Simulation):
             UnsupportedByEngineError: the recording is shown.
         """
         if self._live is None:
-            raise UnsupportedByEngineError(self.engine_name, what="push bodies", remedy=_REFUSAL)
+            raise UnsupportedByEngineError(self.engine.name, what="push bodies", remedy=_REFUSAL)
         super().pull(id, point=point, target=target)
 
     def close(self) -> None:

@@ -119,16 +119,16 @@ def _farthest_point(copy: Simulation, joint: SimulationJoint, target: float) -> 
 
 def _obstacles(copy: Simulation, joint: SimulationJoint, target: float, force_n: float) -> tuple[BodyId | None, ...]:
     """What a part is pressed against if it is pushed on towards a position; None is the ground. Strongest first."""
-    if Capability.CONTACTS not in copy.capabilities:
+    if Capability.CONTACTS not in copy.engine.capabilities:
         return ()
     point, group = _farthest_point(copy, joint, target), _group(copy, joint.body)
     start, direction = _direction(joint, point, target)
     force, at = tuple((force_n * direction).tolist()), tuple(start.tolist())
     for _ in range(round(_PROBE_S / 0.01)):
-        copy.run_on_engine(partial(_apply_force, joint.body, force, at), label="push")
+        copy.engine.run(partial(_apply_force, joint.body, force, at), label="push")
         copy.step(0.01)
     pressed: dict[BodyId | None, float] = {}
-    for contact in copy.run_on_engine(lambda engine: engine.contacts(), label="contacts"):
+    for contact in copy.engine.run(lambda engine: engine.contacts(), label="contacts"):
         if (contact.a in group) is not (contact.b in group):
             sign = 1.0 if contact.a in group else -1.0
             other = contact.b if contact.a in group else contact.a
@@ -416,7 +416,7 @@ def _pull_constantly(
         before = part.position
         start, direction = _direction(part, point, target)
         force, at = tuple((force_n * direction).tolist()), tuple(start.tolist())
-        copy.run_on_engine(partial(_apply_force, part.body, force, at), label="pull")
+        copy.engine.run(partial(_apply_force, part.body, force, at), label="pull")
         copy.step(_PULL_STEP_S)
         best = max(best, part.openness)
         still = still + 1 if abs(part.position - before) < 1e-5 else 0

@@ -354,7 +354,7 @@ class _Sample:
                 engine.apply(SetPoses(dict(poses)))
 
         if scales or poses:
-            self.simulation.run_on_engine(perturb, label="perturb", edits=True)
+            self.simulation.engine.run(perturb, label="perturb", edits=True)
             self.watch.set_reference(id for id, _ in poses)
 
     def _noisy(self, id: BodyId, pose: Pose) -> Pose:
@@ -473,7 +473,7 @@ class _Sample:
                     pose = self._pose(id)
                     x, y, z = (pose[:3] + quat_rotate(pose[3:], step.point)).tolist()
                     point = (x, y, z)
-                self.simulation.run_on_engine(partial(_apply_force, id, step.force, point))
+                self.simulation.engine.run(partial(_apply_force, id, step.force, point))
                 yield from self._advance(chunk)
                 done += chunk
 
@@ -832,9 +832,9 @@ class _Validator:
         if not np.all(np.asarray(each.position_m) >= 0.0) or not np.all(np.isfinite(each.position_m)):
             self._fail(f"{path}.position_m", "a standard deviation is at least 0")
         if (each.mass or each.friction or each.joint_friction) and (
-            Capability.SCALE_DYNAMICS not in self.simulation.capabilities
+            Capability.SCALE_DYNAMICS not in self.simulation.engine.capabilities
         ):
-            self._fail(path, f"{self.simulation.engine_name} cannot vary masses and frictions; use mujoco")
+            self._fail(path, f"{self.simulation.engine.name} cannot vary masses and frictions; use mujoco")
         if not self._exists(each.thing):
             try:
                 self.simulation.knowledge.names.find(each.thing, EntityType.CLASS)

@@ -491,7 +491,7 @@ def _missing_tip(kb: QuestionContext, asked: AskedArguments) -> Iterator[Missing
         asked.present,
         (asked.thing,),
         asked.map,
-        f"is not tipped by {5.0 if asked.push_n is None else asked.push_n:g} N",
+        f"is not tipped by {asked.plain('push_n', float) or 5.0:g} N",
     )
 
 

@@ -169,7 +169,7 @@ def _scene(kb: QuestionContext, present: StateAccess, state: WorldState) -> Imag
         if ("scene",) not in present.memo:
             history, time_s = present.past
             with history.resume(time_s) as resumed:
-                source = f"{resumed.engine_name}, continued at {time_s:g} s of {history.name}"
+                source = f"{resumed.engine.name}, continued at {time_s:g} s of {history.name}"
                 present.memo["scene",] = ImaginedScene(SimulationImage.capture(resumed), home, source)
         return present.memo["scene",]  # type: ignore[no-any-return]
 
@@ -186,7 +186,7 @@ def _scene(kb: QuestionContext, present: StateAccess, state: WorldState) -> Imag
 @contextmanager
 def physical_simulation(simulation: Simulation) -> Iterator[Simulation]:
     """The simulation itself, or a copy of it in MuJoCo if its engine has no physics."""
-    if simulation.engine_name != "null":
+    if simulation.engine.name != "null":
         yield simulation
         return
     with simulation.fork(threaded=False, physics=True) as copy:

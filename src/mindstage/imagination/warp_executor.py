@@ -30,6 +30,7 @@ from mindstage.scene import BodyId, Vector, World
 from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses, counted_ids
 from mindstage.scene.transforms import Array, pose_from_array
 from mindstage.simulation import Simulation
+from mindstage.simulation.engine_thread import EngineAccess
 from mindstage.simulation.interaction import Perturbations, SpringPerturbation, spring_forces
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
@@ -220,7 +221,7 @@ class _Slot:
             self._steps, self._pending_s = whole_steps(self._pending_s + part_s, self._world.timestep_s)
             if self._steps:
                 self.steps_left = self._steps
-                self._world.engine.begin_step()
+                self._world.batched_engine.begin_step()
                 return None
 
     def passed(self, steps: int) -> SampleResult | None:
@@ -246,7 +247,7 @@ def _parts(world: _BatchWorld, sample: RunningSample) -> RunningSample:
         if isinstance(duration_s, SampleResult):
             return duration_s
         try:
-            yield from world.perturbations.substeps(world.engine.as_engine(), duration_s)
+            yield from world.perturbations.substeps(world.batched_engine.as_engine(), duration_s)
             reason = None
         except (SampleStoppedError, EngineError) as error:
             reason = error
@@ -255,13 +256,14 @@ def _parts(world: _BatchWorld, sample: RunningSample) -> RunningSample:
 class _BatchWorld:
     """One world of a batch, as the `SampleSession` of one sample."""
 
-    capabilities = frozenset({Capability.CONTACTS, Capability.SCALE_DYNAMICS, Capability.JOINTS})
-
     def __init__(self, template: _Template, batch: WarpBatch, row: int, pulls: list[_Pull]) -> None:
         self.template, self.batch, self.row = template, batch, row
         self.knowledge = template.simulation.knowledge
         self.timestep_s = batch.timestep_s
-        self.engine = _WorldEngine(self)
+        self.batched_engine = _WorldEngine(self)
+        self.engine = EngineAccess(
+            self.batched_engine.as_engine, lambda function, **_: function(self.batched_engine.as_engine())
+        )
         self.perturbations = _BatchPulls(pulls, row, batch.compiled.body_ids)
         self.time_s = template.simulation.state.time_s
         self._state: StateSnapshot | None = None
@@ -294,12 +296,6 @@ class _BatchWorld:
         """Ends the pull on one body, or all pulls."""
         self.perturbations.release(id)
 
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
-    ) -> T:
-        """Runs a function on what stands for the engine of this world."""
-        return function(self.engine.as_engine())
-
     def place(self, item: str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
         """The pose at which a body that exists can be placed; the caller moves it there."""
         with self.simulation() as simulation:
@@ -317,22 +313,22 @@ class _BatchWorld:
         """A simulation in the state of this world, for what needs more than states and forces."""
 
         def load(engine: Engine) -> None:
-            for edit in self.engine.physics:
+            for edit in self.batched_engine.physics:
                 engine.apply(edit)
             for id in self.template.driven:
                 engine.apply(SetPoses({id: pose_from_array(self.state.poses[self.state.ids.index(id)])}))
-            if self.engine.scales:
-                engine.scale_dynamics(self.engine.scales)
+            if self.batched_engine.scales:
+                engine.scale_dynamics(self.batched_engine.scales)
             cast("MujocoEngine", engine).compiled().set_state(self.batch.state(self.row, time_s=self.time_s))
 
         with self.template.restore() as simulation:
-            simulation.run_on_engine(load, label="load", edits=True)
+            simulation.engine.run(load, label="load", edits=True)
             yield simulation
 
     def end_step(self, steps: int) -> None:
         """Follows the batch, which has made some time steps."""
         self.time_s += steps * self.timestep_s
-        self.engine.end_step()
+        self.batched_engine.end_step()
         self._state = None
 
     def divergence(self) -> SimulationDivergedError | None:
@@ -361,7 +357,7 @@ class _BatchWorld:
                 self.batch.set_state(self.row, self.template.engine.compiled())
                 self._state = None
             case SetPhysics():
-                self.engine.set_physics(edit)
+                self.batched_engine.set_physics(edit)
             case _:
                 raise ImaginationError(f"a world of a batch on a GPU cannot {edit.kind}; {_OTHERS}")
         return Applied(edit=edit, inverse=edit)
@@ -369,6 +365,9 @@ class _BatchWorld:
 
 class _WorldEngine:
     """The part of the `Engine` protocol that a world of a batch has."""
+
+    name = "mujoco_warp"
+    capabilities = frozenset({Capability.CONTACTS, Capability.SCALE_DYNAMICS, Capability.JOINTS})
 
     def __init__(self, world: _BatchWorld) -> None:
         self._world = world
@@ -417,7 +416,7 @@ class _WorldEngine:
 
     def joint_positions(self) -> Mapping[BodyId, tuple[float, ...]]:
         with self._world.simulation() as simulation:
-            return simulation.run_on_engine(lambda engine: engine.joint_positions())
+            return simulation.engine.run(lambda engine: engine.joint_positions())
 
     def begin_step(self) -> None:
         """Applies the forces until `end_step`."""
@@ -446,7 +445,7 @@ class _Template:
         self._image = job.image
         self.simulation = job.image.restore()
         self.runner = PlanRunner(self.simulation, job.plan, seed=job.seed)
-        engine = self.simulation.run_on_engine(lambda engine: engine.fork())
+        engine = self.simulation.engine.run(lambda engine: engine.fork())
         if not isinstance(engine, MujocoEngine):
             raise ImaginationError(f"the worlds of {engine.name} cannot be simulated by MuJoCo Warp; {_OTHERS}")
         self.engine = engine

@@ -88,7 +88,7 @@ class EventWatch:
         self._start_s = simulation.state.time_s
         self._world, self._layout, self._bounds = basis.world, basis.layout, basis.bounds
         self._enclosing, self._robots = basis.enclosing, basis.robots
-        self._reports_contacts = Capability.CONTACTS in simulation.capabilities
+        self._reports_contacts = Capability.CONTACTS in simulation.engine.capabilities
         self._first_ids, self._first = basis.layout, basis.poses
         self._reference = basis.poses.copy()
         self._body_ups = _body_ups(self._reference[self._layout.free_rows])
@@ -264,7 +264,7 @@ class EventWatch:
     def _contacts(self) -> list[tuple[BodyId, BodyId | None, float]]:
         if not self._reports_contacts:
             return []
-        contacts: tuple[Contact, ...] = self._simulation.run_on_engine(lambda engine: engine.contacts())
+        contacts: tuple[Contact, ...] = self._simulation.engine.run(lambda engine: engine.contacts())
         return [(each.a, each.b, each.force_n) for each in contacts if each.force_n >= CONTACT_FORCE_N]
 
     def _detect_collisions(self) -> None:

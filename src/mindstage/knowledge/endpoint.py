@@ -44,6 +44,7 @@ from mindstage.rdf.graphs import (
     SparqlResult,
     SubjectNode,
     graph_from_quads,
+    has_blank_node,
     node_from_label,
 )
 from mindstage.rdf.vocabulary import (
@@ -298,7 +299,7 @@ class SparqlEndpointStore:
         for graph in posed:
             if isinstance(graph, ox.BlankNode):
                 continue
-            inferred = [quad for quad in self._inferred(self._fetch_graph(graph)) if not _has_blank_node(quad)]
+            inferred = [quad for quad in self._inferred(self._fetch_graph(graph)) if not has_blank_node(quad)]
             self._local.extend(ox.Quad(quad.subject, quad.predicate, quad.object, graph) for quad in inferred)
             if inferred:
                 self._unassigned.add(graph)
@@ -559,10 +560,6 @@ class SparqlEndpointStore:
         self._local.close()
         self._cache = ox.Store()
         self._fetched.clear()
-
-
-def _has_blank_node(quad: ox.Quad) -> bool:
-    return isinstance(quad.subject, ox.BlankNode) or isinstance(quad.object, ox.BlankNode)
 
 
 def _in_graph(quad: ox.Quad, statements: str) -> str:

@@ -23,6 +23,7 @@ An argument that is an individual may be given as a class: the answers are then 
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from copy import copy
@@ -68,7 +69,7 @@ from mindstage.knowledge.names import EntityType, NamedThing, NameIndex, NameQua
 from mindstage.knowledge.reasoner import Reasoner
 from mindstage.ranges import Range, check_number, range_of
 from mindstage.rdf.graphs import local_name
-from mindstage.rdf.vocabulary import EVENT, TYPE
+from mindstage.rdf.vocabulary import EVENT, HAS_POSE, THING, TYPE
 from mindstage.registry import Group, extensions, load_all
 from mindstage.scene import (
     Body,
@@ -489,15 +490,27 @@ class QuestionArgument:
 
 
 class AskedArguments:
-    """The arguments of a question that has no answer: `asked.thing` is that of `thing`, None if it was not given."""
+    """The arguments of a question that has no answer: `asked.thing` is the name given for `thing`, None if none was."""
 
     def __init__(self, values: Mapping[str, object], present: StateAccess) -> None:
         self._values = values
         self.present = present
         """Access to the current state."""
 
-    def __getattr__(self, name: str) -> Any:
-        return self._values.get(name)
+    def __getattr__(self, name: str) -> Iri | None:
+        value = self._values.get(name)
+        if not isinstance(value, str | None):
+            raise TypeError(f"{name} is not a name; see plain")
+        return None if value is None else Iri(value)
+
+    def needed(self, name: str) -> Iri:
+        """The name given for an argument that the question needs."""
+        return Iri(str(self._values[name]))
+
+    def plain(self, name: str, value_type: type[T]) -> T | None:
+        """An argument that is not a name, such as a number; None if it was not given."""
+        value = self._values.get(name)
+        return value if isinstance(value, value_type) else None
 
 
 _FindMissing = Callable[["QuestionContext", AskedArguments], "Iterator[MissingKnowledge]"]
@@ -511,6 +524,7 @@ class Question(Generic[R]):
         function: Callable[..., Iterator[R]],
         *,
         sentences: Sequence[str] = (),
+        needs: str = "",
         is_relation: bool = False,
         imagines: bool = False,
         about_past: bool = False,
@@ -522,6 +536,8 @@ class Question(Generic[R]):
         """The module that declares it."""
         self.sentences = tuple(sentences)
         """Templates of plain sentences that ask this question; `mindstage.knowledge.sentences` describes them."""
+        self.needs = needs
+        """The arguments that must be given, and why: "thing or other: all pairs are not listed"; empty for none."""
         self.is_relation = is_relation
         """Whether the answers for an individual are the rows with it among all answers, which are not many more.
 
@@ -569,6 +585,12 @@ class Question(Generic[R]):
     @cached_property
     def _fields(self) -> frozenset[str]:
         return frozenset(self.row.__struct_fields__)
+
+    @cached_property
+    def _needed(self) -> tuple[frozenset[str], ...]:
+        """Sets of arguments, of each of which one must be given."""
+        words = self.needs.partition(":")[0]
+        return tuple(frozenset(each.split(" or ")) for each in re.split(",? and ", words)) if words else ()
 
     @cached_property
     def uses_current_state(self) -> bool:
@@ -647,7 +669,8 @@ class Question(Generic[R]):
             for name in args:
                 if (argument := self._arguments_by_name.get(name)) is None or argument.range is not None:
                     self._parse_argument(kb, now, name, args[name])
-            return Answers(self, {}, (), (_no_episode(),), kb=kb, notes=notes)
+            reason = "there is no episode; add one with add_episode, or --episode FILE"
+            return Answers(self, {}, (), (MissingKnowledge(Iri(EVENT), Iri(TYPE), reason),), kb=kb, notes=notes)
         if self.uses_current_state:
             now.fetch()  # before taking the lock, since the engine may take a while
         with nullcontext() if self.imagines else kb.lock:  # others ask while something is imagined
@@ -705,6 +728,8 @@ class Question(Generic[R]):
                 yield {**found, **dict(zip(classes, members, strict=True))}
 
     def _rows(self, kb: QuestionContext, args: Mapping[str, object], state_access: StateAccess) -> Iterable[R]:
+        if any(names.isdisjoint(args) for names in self._needed):
+            return ()
         view = {"present": state_access} if self.uses_current_state or self.about_past else {}
         rows = self._function(kb, **args, **view)
         bound = [name for name in args if name in self._fields]
@@ -726,6 +751,9 @@ class Question(Generic[R]):
                 cls = Iri(str(found[name]))
                 reason = f"{local_name(cls)} has no individual: none of it or of a subclass is in a loaded map"
                 yield MissingKnowledge(cls, TYPE, reason, claims=(Claim(kind=ClaimKind.NO_INSTANCE, object=cls),))
+        if any(names.isdisjoint(found) for names in self._needed):
+            yield MissingKnowledge(Iri(THING), Iri(HAS_POSE), f"give {self.needs}")
+            return
         if self._find_missing is None:
             return
         asked = (AskedArguments(args, state_access) for args in self._combinations(found, classes))
@@ -785,6 +813,7 @@ def question(function: Callable[..., Iterator[R]]) -> Question[R]: ...
 def question(
     *,
     sentences: Sequence[str] = (),
+    needs: str = "",
     is_relation: bool = False,
     imagines: bool = False,
     about_past: bool = False,
@@ -794,6 +823,7 @@ def question(
     function: Callable[..., Iterator[R]] | None = None,
     *,
     sentences: Sequence[str] = (),
+    needs: str = "",
     is_relation: bool = False,
     imagines: bool = False,
     about_past: bool = False,
@@ -805,6 +835,7 @@ def question(
         function: the generator function, if this is used without arguments.
         sentences: templates of plain sentences that ask the question, such as "where is {thing}"; see
             `mindstage.knowledge.sentences` for their syntax.
+        needs: see `Question.needs`; without these arguments there are no answers, and they are what is missing.
         is_relation: see `Question.is_relation`.
         imagines: see `Question.imagines`.
         about_past: see `Question.about_past`.
@@ -819,6 +850,7 @@ def question(
         declared = Question(
             function,
             sentences=sentences,
+            needs=needs,
             is_relation=is_relation,
             imagines=imagines,
             about_past=about_past,
@@ -874,10 +906,6 @@ def get_question(name: str) -> Question[Any]:
         return _questions_of_program()[known]
     except KeyError:
         raise QuestionNotFoundError(name, known=question_names()) from None
-
-
-def _no_episode() -> MissingKnowledge:
-    return MissingKnowledge(Iri(EVENT), Iri(TYPE), "there is no episode; add one with add_episode, or --episode FILE")
 
 
 def _value_type(hint: Any) -> EntityType | type:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
-from functools import cached_property
+from functools import cached_property, partial
 
 import msgspec
 import pyoxigraph as ox
@@ -49,7 +49,7 @@ from mindstage.knowledge.reasoner_properties import (
     PropertyHierarchy,
 )
 from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
-from mindstage.rdf.graphs import QuadSource, node_to_look_up
+from mindstage.rdf.graphs import QuadSource, node_to_look_up, quads_with_property
 from mindstage.rdf.taxonomy import TransitiveClosure
 from mindstage.rdf.vocabulary import (
     CHILD,
@@ -493,8 +493,9 @@ class Reasoner:
         """
         self._inferred = InferredTriples(store)
         self._store = self._inferred.asserted()
-        self.axioms = axioms or ClassAxioms(self._quads_with_predicate)
-        self.individuals = individuals or IndividualIndex(self._quads_with_predicate)
+        self._asserted = partial(quads_with_property, store)
+        self.axioms = axioms or ClassAxioms(self._asserted)
+        self.individuals = individuals or IndividualIndex(self._asserted)
         self._sorted_members: dict[Iri, Sequence[Iri]] = {}
         self._class_cache: dict[Iri, Iri | None] = {}
 
@@ -539,7 +540,7 @@ class Reasoner:
         if self.axioms.is_merged:
             self._add_to_merged([quad for name in CLASS_AXIOM_PROPERTIES for quad in quads_by_property[name]])
         elif not self.axioms.add(quads_by_property.__getitem__):
-            self.axioms = ClassAxioms(self._quads_with_predicate)
+            self.axioms = ClassAxioms(self._asserted)
         self.individuals.add(quads_by_property.__getitem__)
         self._drop_cached("properties", "instance_checker")
         nodes = (node for quads in quads_by_property.values() for quad in quads for node in (quad.subject, quad.object))
@@ -564,15 +565,16 @@ class Reasoner:
         objects = {quad.object.value for quad in quads if isinstance(quad.object, ox.NamedNode)}
         if reset or not (PROPERTY_AXIOM_PROPERTIES.isdisjoint(predicates) and PROPERTY_TYPES.isdisjoint(objects)):
             self._drop_cached("properties", "instance_checker")
-        elif of_classes or TYPE in predicates or DESCRIBED_IN_MAP in predicates or self._affects_membership(quads):
+        elif (
+            of_classes
+            or TYPE in predicates
+            or DESCRIBED_IN_MAP in predicates
+            or ("instance_checker" in self.__dict__ and self.instance_checker.is_affected_by(quads))
+        ):
             self._drop_cached("instance_checker")
         if "properties" in self.__dict__:
             self.properties.clear_usage_cache()
         return of_classes
-
-    def _affects_membership(self, quads: Sequence[ox.Quad]) -> bool:
-        """Whether the inferred classes of individuals may have changed."""
-        return "instance_checker" in self.__dict__ and self.instance_checker.is_affected_by(quads)
 
     def _update_classes(self, quads: Sequence[ox.Quad]) -> bool:
         """Updates the class axioms; returns False if expressions have changed and all of them were read again."""
@@ -595,7 +597,7 @@ class Reasoner:
         return True
 
     def _read_classes_again(self) -> bool:
-        self.axioms = ClassAxioms(self._quads_with_predicate)
+        self.axioms = ClassAxioms(self._asserted)
         return False
 
     def _add_to_merged(self, quads: Sequence[ox.Quad]) -> bool:
@@ -628,9 +630,6 @@ class Reasoner:
         for name in names:
             self.__dict__.pop(name, None)
         self._sorted_members, self._class_cache = {}, {}
-
-    def _quads_with_predicate(self, property: str) -> Iterator[ox.Quad]:
-        return self._store.quads_for_pattern(None, ox.NamedNode(property), None)
 
     def _objects(self, node: ox.NamedNode | ox.BlankNode | ox.Triple, property: Iri) -> list[object]:
         return [quad.object for quad in self._store.quads_for_pattern(node, ox.NamedNode(property), None)]
@@ -810,7 +809,9 @@ class Reasoner:
             for here in waiting:
                 steps = self._part_steps(here.individual, backwards=backwards, inferred=inferred)
                 for neighbor, path in sorted(steps, key=lambda step: step[0]):
-                    if neighbor not in seen and (through_joints or not self._is_joint_path(path)):
+                    if neighbor not in seen and (
+                        through_joints or not any(self.is_member(each.subject, CONSTRAINT) for each in path)
+                    ):
                         seen.add(neighbor)
                         waiting.append(PartOfStep(neighbor, here.depth + 1, (*here.path, *path)))
                         yield waiting[-1]

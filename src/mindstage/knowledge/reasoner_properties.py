@@ -24,7 +24,7 @@ from mindstage.knowledge.owl import (
     node_label,
 )
 from mindstage.knowledge.owl_rl import InferredTriples
-from mindstage.rdf.graphs import QuadSource, node_to_look_up
+from mindstage.rdf.graphs import QuadSource, node_to_look_up, quads_with_property
 from mindstage.rdf.taxonomy import TransitiveClosure
 from mindstage.rdf.vocabulary import OWL, RDFS, TYPE
 from mindstage.scene import Iri
@@ -325,7 +325,7 @@ class PropertyHierarchy:
             expression, _ = waiting.popitem()
             for iri, forward in self._property_closure.below(expression).keys() - done:
                 done.add((iri, forward))
-                for quad in self._quads_with_predicate(iri):
+                for quad in quads_with_property(self._store, iri):
                     if name := node_label(quad.subject if forward else quad.object):
                         yield name
                 for chain in self._chains.get(iri, ()):
@@ -344,7 +344,7 @@ class PropertyHierarchy:
     def _compute_used(self, expressions: tuple[PropertyExpression, ...]) -> tuple[tuple[ox.NamedNode, bool], ...]:
         """The expressions that imply one of these and that occur in the store."""
         below = [(ox.NamedNode(iri), forward) for iri, forward in self._implying_expressions(expressions)]
-        return tuple(each for each in below if next(iter(self._quads_with_predicate(each[0].value)), None))
+        return tuple(each for each in below if next(iter(quads_with_property(self._store, each[0].value)), None))
 
     def _compute_chained(self, expressions: tuple[PropertyExpression, ...]) -> tuple[PropertyExpression, ...]:
         """Those of the expressions that a chain implies."""
@@ -357,7 +357,7 @@ class PropertyHierarchy:
     def _implication_pairs(self) -> Iterator[tuple[PropertyExpression, PropertyExpression]]:
         """Pairs of property expressions of which the first implies the second."""
         for axiom, mirrored, inverse in _IMPLICATIONS:
-            for quad in self._quads_with_predicate(axiom):
+            for quad in quads_with_property(self._store, axiom):
                 if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.NamedNode):
                     one, other = Iri(quad.subject.value), Iri(quad.object.value)
                     for forward in (True, False):
@@ -380,7 +380,7 @@ class PropertyHierarchy:
 
     def _objects_by_subject(self, predicate: Iri) -> dict[Iri, list[object]]:
         found: dict[Iri, list[object]] = {}
-        for quad in self._quads_with_predicate(predicate):
+        for quad in quads_with_property(self._store, predicate):
             if isinstance(quad.subject, ox.NamedNode):
                 found.setdefault(Iri(quad.subject.value), []).append(quad.object)
         return found
@@ -388,9 +388,6 @@ class PropertyHierarchy:
     def _properties_of_type(self, name: str) -> frozenset[Iri]:
         quads = self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL + name))
         return frozenset(Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode))
-
-    def _quads_with_predicate(self, predicate: str) -> Iterator[ox.Quad]:
-        return self._store.quads_for_pattern(None, ox.NamedNode(predicate), None)
 
 
 def _asserted_steps(

@@ -85,7 +85,7 @@ from mindstage.unicode_json import values_without_surrogates
 
 if TYPE_CHECKING:  # few knowledge bases are kept in a folder or at an endpoint
     from mindstage.knowledge.endpoint import SparqlEndpoint, SparqlEndpointStore
-    from mindstage.knowledge.store_folder import StoreDirectory
+    from mindstage.knowledge.store_folder import StoreDirectory, StoreManifest
     from mindstage.knowledge.store_index import IndexBuilder, StoreIndex
 
 __all__ = ["LoadTransaction", "SourceRegistry", "StrPath", "preprocess", "read_map_file"]
@@ -457,31 +457,6 @@ def _without_trailing_separator(iri: str) -> str:
     return iri.rstrip("#/")
 
 
-class _ArchivedSource(msgspec.Struct, frozen=True, kw_only=True):
-    """A source with its text; see `SourceRecord`."""
-
-    path: str
-    graph: str
-    format: str
-    text: bytes
-    is_map: bool
-    is_explicit: bool
-    ontology: str
-    prefixes: dict[str, str]
-
-
-class _SourceArchive(msgspec.Struct, frozen=True, kw_only=True):
-    format_version: int = 1
-    statements: bytes
-    """N-Quads."""
-    sources: tuple[_ArchivedSource, ...]
-    packages: tuple[str, ...]
-    urdf: tuple[str, ...]
-    conventions: dict[str, UnitConventions]
-    assumptions: tuple[Assumption, ...]
-    findings: tuple[Finding, ...]
-
-
 class SourceRegistry:
     """All sources of a knowledge base, in memory or in a store folder, and optionally at a SPARQL endpoint."""
 
@@ -536,14 +511,29 @@ class SourceRegistry:
             cause = "it was made with the bundled ontology"
             raise StoreError(str(self._directory.path), cause=cause, remedy="create another one without it")
         self._bundled = Path(manifest.bundled_ontology) if manifest.bundled_ontology else None
-        self._package_path = RosPackagePath(map(Path, manifest.packages))
-        self._urdf_paths = dict.fromkeys(map(Path, manifest.urdf))
+        self._restore(manifest)
         self.sources = self._directory.sources()
-        self.conventions = {Path(path): each for path, each in manifest.conventions.items()}
-        self.assumptions = list(manifest.assumptions)
         self._loading_findings = dict.fromkeys(manifest.findings)
         self.findings.update(self._loading_findings)
         self._reload_changed(self._directory)
+
+    def _restore(self, manifest: StoreManifest) -> None:
+        self._package_path = RosPackagePath(map(Path, manifest.packages))
+        self._urdf_paths = dict.fromkeys(map(Path, manifest.urdf))
+        self.conventions = {Path(path): each for path, each in manifest.conventions.items()}
+        self.assumptions = list(manifest.assumptions)
+
+    def _manifest(self, findings: Iterable[Finding]) -> StoreManifest:
+        from mindstage.knowledge.store_folder import StoreManifest
+
+        return StoreManifest(
+            bundled_ontology=str(self._bundled) if self._bundled else None,
+            packages=tuple(map(str, self._package_path.folders)),
+            urdf=tuple(map(str, self._urdf_paths)),
+            conventions={str(path): each for path, each in self.conventions.items()},
+            assumptions=tuple(self.assumptions),
+            findings=tuple(findings),
+        )
 
     def load(
         self,
@@ -581,13 +571,16 @@ class SourceRegistry:
         files = [_resolve_entry(entry, packages) for entry in entries if Path(entry) not in folders]
         paths = [_resolve_entry(os.fspath(entry), packages) for entry in maps]
         new = {path.resolve() for path in (*paths, *files)} - self.sources.keys()
-        transaction = self._new_transaction(packages, self.sources)
         robots = [_resolve_entry(os.fspath(entry), packages) for entry in urdf]
         urdf_paths = dict.fromkeys(path.resolve() for path in robots)
-        transaction.urdf_paths = list(urdf_paths)
         asked = False if untrusted else xacro
-        transaction.xacro_paths = {path.resolve() for path in (*paths, *robots) if is_requested(path, asked)}
-        transaction.follow_imports, transaction.untrusted = follow_imports and not untrusted, untrusted
+        transaction = self._new_transaction(
+            packages,
+            urdf_paths=list(urdf_paths),
+            xacro_paths={path.resolve() for path in (*paths, *robots) if is_requested(path, asked)},
+            follow_imports=follow_imports and not untrusted,
+            untrusted=untrusted,
+        )
         if builds_index and new and self._directory and (self._directory.is_new or self.saved_index()):
             from mindstage.knowledge.store_index import IndexBuilder
 
@@ -636,12 +629,10 @@ class SourceRegistry:
         """The folder of a ROS package among the folders that are searched; None if there is none."""
         return self._package_path.package_folder(name)
 
-    def _new_transaction(self, packages: RosPackagePath, sources: dict[Path, Source]) -> LoadTransaction:
-        transaction = LoadTransaction(self.store, packages, dict(sources))
-        transaction.ontology_names = self._endpoint is None
-        if self._directory:
-            transaction.store_text = self._directory.store_text
-        return transaction
+    def _new_transaction(self, packages: RosPackagePath, **options: Any) -> LoadTransaction:
+        store_text = self._directory.store_text if self._directory else _keep_in_memory
+        names = self._endpoint is None
+        return LoadTransaction(self.store, packages, dict(self.sources), store_text, ontology_names=names, **options)
 
     def _commit(self, transaction: LoadTransaction) -> None:
         self._package_path, self.sources = transaction.packages, transaction.sources
@@ -649,17 +640,7 @@ class SourceRegistry:
         self.findings |= dict.fromkeys(transaction.findings)
         self.assumptions += transaction.assumptions
         if self._directory and not self._directory.read_only:
-            from mindstage.knowledge.store_folder import StoreManifest
-
-            manifest = StoreManifest(
-                bundled_ontology=str(self._bundled) if self._bundled else None,
-                packages=tuple(map(str, self._package_path.folders)),
-                urdf=tuple(map(str, self._urdf_paths)),
-                conventions={str(path): each for path, each in self.conventions.items()},
-                assumptions=tuple(self.assumptions),
-                findings=tuple(self._loading_findings),
-            )
-            self._directory.commit(manifest, self.sources.values())
+            self._directory.commit(self._manifest(self._loading_findings), self.sources.values())
 
     def close(self) -> None:
         """Closes files, subprocesses and connections; may be called repeatedly."""
@@ -687,29 +668,17 @@ class SourceRegistry:
         Raises:
             InvalidArgumentError: there is an endpoint.
         """
+        from mindstage.knowledge.store_folder import SourceArchive, SourceRecord
+
         if self._endpoint is not None:
             remedy = "load the files that it was filled from"
             raise InvalidArgumentError("a knowledge base at an endpoint", cause="it cannot be copied", remedy=remedy)
-        archive = _SourceArchive(
+        files = {source: source.load_text() for source in self.sources.values()}
+        records = (SourceRecord(path=each.name, format=file.format.media_type).of(each) for each, file in files.items())
+        archive = SourceArchive(
+            manifest=msgspec.structs.replace(self._manifest(self.findings), sources=tuple(records)),
+            texts=tuple(file.data for file in files.values()),
             statements=ox.serialize(self.store.quads_for_pattern(None, None, None), format=ox.RdfFormat.N_QUADS) or b"",
-            sources=tuple(
-                _ArchivedSource(
-                    path=source.name,
-                    graph=source.graph.value if isinstance(source.graph, ox.NamedNode) else "",
-                    format=(file := source.load_text()).format.media_type,
-                    text=file.data,
-                    is_map=source.is_map,
-                    is_explicit=source.is_explicit,
-                    ontology=source.header.ontology,
-                    prefixes=dict(source.header.prefixes),
-                )
-                for source in self.sources.values()
-            ),
-            packages=tuple(map(str, self._package_path.folders)),
-            urdf=tuple(map(str, self._urdf_paths)),
-            conventions={str(path): each for path, each in self.conventions.items()},
-            assumptions=tuple(self.assumptions),
-            findings=tuple(self.findings),
         )
         try:
             return msgspec.msgpack.encode(archive)
@@ -724,27 +693,23 @@ class SourceRegistry:
         Raises:
             ValueError: the bytes are not valid.
         """
-        archive = msgspec.msgpack.decode(data, type=_SourceArchive)
+        from mindstage.knowledge.store_folder import SourceArchive
+
+        archive = msgspec.msgpack.decode(data, type=SourceArchive)
         registry = cls()
         try:
             registry.store.extend(ox.parse(archive.statements, ox.RdfFormat.N_QUADS))
         except SyntaxError as error:
             raise ValueError(f"the archived statements cannot be read: {error}") from error
-        for each in archive.sources:
-            format = ox.RdfFormat.from_media_type(each.format)
+        for each, text in zip(archive.manifest.sources, archive.texts, strict=True):
+            path, format = Path(each.path), ox.RdfFormat.from_media_type(each.format)
             if format is None:
                 raise ValueError(f"the format {each.format!r} of {each.path} is unknown")
-            text = _keep_in_memory(SourceFile(Path(each.path), each.text, format))
             graph = ox.NamedNode(each.graph) if each.graph else ox.DefaultGraph()
-            header = SourceHeader(each.ontology, each.prefixes)
-            registry.sources[Path(each.path)] = Source(
-                each.path, graph, registry.store, text, each.is_map, each.is_explicit, header
-            )
-        registry._package_path = RosPackagePath(map(Path, archive.packages))
-        registry._urdf_paths = dict.fromkeys(map(Path, archive.urdf))
-        registry.conventions = {Path(path): each for path, each in archive.conventions.items()}
-        registry.assumptions = list(archive.assumptions)
-        registry.findings = dict.fromkeys(archive.findings)
+            loader = _keep_in_memory(SourceFile(path, text, format))
+            registry.sources[path] = each.source(graph, registry.store, loader)
+        registry._restore(archive.manifest)
+        registry.findings = dict.fromkeys(archive.manifest.findings)
         return registry
 
     # -- changed sources -----------------------------------------------------------------------------------------------
@@ -781,8 +746,8 @@ class SourceRegistry:
         before = dict.fromkeys(self.sources)
         for source in (*changed, *([outdated] if outdated else [])):
             self._remove(self.sources.pop(source.path))
-        transaction = self._new_transaction(self._package_path, self.sources)
-        transaction.urdf_paths = [path for path in self._urdf_paths if path.is_file()]
+        urdf_paths = [path for path in self._urdf_paths if path.is_file()]
+        transaction = self._new_transaction(self._package_path, urdf_paths=urdf_paths)
         if outdated:
             self._bundled = bundled_ontology()
             transaction.run([], [self._bundled])
@@ -870,7 +835,7 @@ class SourceRegistry:
         terms = self._endpoint.terms_of(_ALIGNED_NAMESPACES) if self._bundled else []
         self._is_endpoint_prepared = True
         if terms:
-            transaction = self._new_transaction(self._package_path, self.sources)
+            transaction = self._new_transaction(self._package_path)
             maps = [map for source in self._endpoint.sources() for map in source.maps()]
             transaction.align(terms, dict.fromkeys(maps))
             self._commit(transaction)

@@ -29,9 +29,9 @@ from mindstage.knowledge.store import OxigraphStore
 from mindstage.knowledge.store_index import IndexFile
 from mindstage.maps.dialects.conventions import Assumption, UnitConventions
 from mindstage.maps.io.files import Source, SourceFile, SourceHeader
-from mindstage.rdf.graphs import Finding
+from mindstage.rdf.graphs import Finding, QuadSource
 
-__all__ = ["FORMAT_VERSION", "SourceRecord", "StoreDirectory", "StoreManifest"]
+__all__ = ["FORMAT_VERSION", "SourceArchive", "SourceRecord", "StoreDirectory", "StoreManifest"]
 
 FORMAT_VERSION = 3
 _MANIFEST, _TRIPLES, _TEXTS = "mindstage.json", "triples", "texts"
@@ -49,18 +49,36 @@ class SourceRecord(
     path: str
     format: str
     """Its media type."""
-    content_hash: str
+    content_hash: str = ""
     """The hash of the parsed text, which is also the name of the stored text."""
-    file_hash: str
+    file_hash: str = ""
     """The hash of the file."""
-    size: int
-    modified_ns: int
+    size: int = 0
+    modified_ns: int = 0
     is_map: bool = False
     is_explicit: bool = False
     graph: str = ""
     """The name of its graph; empty for the URL of the file, as in folders of version 1."""
     ontology: str = ""
     prefixes: dict[str, str] = {}
+
+    def of(self, source: Source) -> SourceRecord:
+        """The same text as this source."""
+        return replace(
+            self,
+            is_map=source.is_map,
+            is_explicit=source.is_explicit,
+            graph=source.graph.value if isinstance(source.graph, ox.NamedNode) else "",
+            ontology=source.header.ontology,
+            prefixes=dict(source.header.prefixes),
+        )
+
+    def source(
+        self, graph: ox.NamedNode | ox.DefaultGraph, store: QuadSource, load_text: Callable[[], SourceFile]
+    ) -> Source:
+        """The source, with its statements in a graph of a store."""
+        header = SourceHeader(self.ontology, self.prefixes)
+        return Source(self.path, graph, store, load_text, self.is_map, self.is_explicit, header)
 
 
 class StoreManifest(
@@ -82,6 +100,16 @@ class StoreManifest(
     conventions: dict[str, UnitConventions] = {}
     assumptions: tuple[Assumption, ...] = ()
     findings: tuple[Finding, ...] = ()
+
+
+class SourceArchive(msgspec.Struct, frozen=True, kw_only=True):
+    """All sources with their texts, and all statements."""
+
+    manifest: StoreManifest
+    texts: tuple[bytes, ...]
+    """One for each source of the manifest."""
+    statements: bytes
+    """N-Quads."""
 
 
 class StoreDirectory:
@@ -116,14 +144,8 @@ class StoreDirectory:
     def sources(self) -> dict[Path, Source]:
         """The loaded sources; their texts are read on demand."""
         return {
-            Path(record.path): Source(
-                name=record.path,
-                graph=ox.NamedNode(record.graph or Path(record.path).as_uri()),
-                store=self.store,
-                load_text=self._text_loader(record),
-                is_map=record.is_map,
-                is_explicit=record.is_explicit,
-                header=SourceHeader(record.ontology, record.prefixes),
+            Path(record.path): record.source(
+                ox.NamedNode(record.graph or Path(record.path).as_uri()), self.store, self._text_loader(record)
             )
             for record in self.manifest.sources
         }
@@ -185,18 +207,7 @@ class StoreDirectory:
 
     def commit(self, manifest: StoreManifest, sources: Iterable[Source]) -> None:
         """Writes the manifest with these sources, which completes a transaction."""
-        pairs = ((self._records[source.name], source) for source in sources)
-        records = tuple(
-            replace(
-                record,
-                is_map=each.is_map,
-                is_explicit=each.is_explicit,
-                graph=each.graph.value if isinstance(each.graph, ox.NamedNode) else "",
-                ontology=each.header.ontology,
-                prefixes=dict(each.header.prefixes),
-            )
-            for record, each in pairs
-        )
+        records = tuple(self._records[source.name].of(source) for source in sources)
         manifest = replace(manifest, format_version=FORMAT_VERSION, sources=records)
         if manifest != self.manifest:
             self._synchronize_texts()

@@ -29,7 +29,7 @@ from mindstage.knowledge.owl import ClassExpressionParser
 from mindstage.knowledge.reasoner import IndividualIndex, Reasoner
 from mindstage.knowledge.reasoner_classes import CLASS_AXIOM_PROPERTIES, Axiom, ClassAxioms
 from mindstage.maps.io.files import SourceFile
-from mindstage.rdf.graphs import QuadSource, gc_paused
+from mindstage.rdf.graphs import QuadSource, gc_paused, has_blank_node
 from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, OWL, RDF, RDFS, SEMANTIC_MAP, TYPE
 from mindstage.scene import Iri
 
@@ -235,7 +235,7 @@ class IndexBuilder:
             _normalize_literals(groups)
             self._axioms.add(groups.__getitem__)
             types = [quad for quad in groups[TYPE] if not _is_schema_of_blank_node(quad)]
-            if any(_has_blank_node(quad) for quad in (*types, *groups[DESCRIBED_IN_MAP])):
+            if any(has_blank_node(quad) for quad in (*types, *groups[DESCRIBED_IN_MAP])):
                 self._graphs_with_blank_nodes.append(graph)
             else:
                 self._individuals.add({**groups, TYPE: types}.__getitem__)
@@ -263,10 +263,6 @@ def _normalize_literals(groups: dict[str, list[ox.Quad]]) -> None:
             store.extend(literals)
             others = (quad for quad in groups[property] if not isinstance(quad.object, ox.Literal))
             groups[property] = [*others, *store]
-
-
-def _has_blank_node(quad: ox.Quad) -> bool:
-    return isinstance(quad.subject, ox.BlankNode) or isinstance(quad.object, ox.BlankNode)
 
 
 def _is_schema_of_blank_node(quad: ox.Quad) -> bool:

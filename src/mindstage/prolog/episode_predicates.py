@@ -6,10 +6,10 @@ only has an event of that name.
 
 from __future__ import annotations
 
-from mindstage.errors import AmbiguousNameError, InvalidArgumentError
+from mindstage.errors import AmbiguousNameError
 from mindstage.knowledge.event_graph import EPISODE_GRAPHS, concept_node, event_node, event_pattern, event_roles
 from mindstage.knowledge.history import EventFilter, PastEvent, histories_of
-from mindstage.prolog.predicates import Handler
+from mindstage.prolog.predicates import Handler, text_of
 from mindstage.prolog.swipl import FREE, Atom, Compound, Value
 from mindstage.rdf.vocabulary import ms
 from mindstage.scene import Iri
@@ -92,9 +92,7 @@ class EpisodePredicates:
         sources = self._simulation.knowledge.episodes
         if event is FREE:
             return [each for source in sources for each in source.find_events(EventFilter())]
-        if not isinstance(event, str):
-            raise InvalidArgumentError("the event", cause=f"{event!r} is not a name")
-        text = str(event)
+        text = text_of(event, "event")
         graph, _, id = text.rpartition("#") if text.startswith(EPISODE_GRAPHS) else ("", "", text)
         found = [
             each

@@ -31,7 +31,7 @@ from mindstage.knowledge.history import History, QuestionTime, histories_of
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.over_time import state_of_time
 from mindstage.knowledge.questions import StateAccess, WorldState
-from mindstage.prolog.predicates import Handler
+from mindstage.prolog.predicates import Handler, text_of
 from mindstage.prolog.swipl import FREE, Atom, Compound, Value
 from mindstage.ranges import Time, check_number, declared_range
 from mindstage.rdf.graphs import local_name, namespace_of
@@ -127,22 +127,15 @@ _Relation = Callable[[_Scene, _Rows, _Rows], _Mask]
 
 def _left_of(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
     x, y, z = (scene.positions[a] - scene.positions[b]).T
-    mask: _Mask = (np.abs(x) <= _SIDE_M) & (y >= 0.0) & (np.abs(z) <= _SIDE_M)
-    return mask
-
-
-def _right_of(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
-    return _left_of(scene, b, a)
+    return np.asarray((np.abs(x) <= _SIDE_M) & (y >= 0.0) & (np.abs(z) <= _SIDE_M))
 
 
 def _in_front_of(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
-    mask: _Mask = scene.positions[a, 0] >= scene.positions[b, 0]
-    return mask
+    return np.asarray(scene.positions[a, 0] >= scene.positions[b, 0])
 
 
 def _in_center_of(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
-    mask: _Mask = np.all(np.abs(scene.positions[a] - scene.positions[b]) <= _CENTER_M, axis=1)
-    return mask
+    return np.asarray(np.all(np.abs(scene.positions[a] - scene.positions[b]) <= _CENTER_M, axis=1))
 
 
 def _above(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
@@ -165,8 +158,7 @@ def _above(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
 def _contained(scene: _Scene, a: _Rows, b: _Rows) -> _Mask:
     """Whether the extents of a are within those of b, whatever their rotations."""
     distance = np.abs(scene.positions[a] - scene.positions[b])
-    mask: _Mask = np.all(distance <= (scene.sizes[b] - scene.sizes[a]) / 2.0 + _CONTAINMENT_M, axis=1)
-    return mask
+    return np.asarray(np.all(distance <= (scene.sizes[b] - scene.sizes[a]) / 2.0 + _CONTAINMENT_M, axis=1))
 
 
 _RELATIONS: Mapping[str, _Relation] = {
@@ -175,8 +167,8 @@ _RELATIONS: Mapping[str, _Relation] = {
     "comp_below_of": lambda scene, a, b: _above(scene, b, a),
     "in_ContGeneric": _contained,
     "comp_toTheLeftOf": _left_of,
-    "comp_toTheRightOf": _right_of,
-    "comp_toTheSideOf": lambda scene, a, b: _left_of(scene, a, b) | _right_of(scene, a, b),
+    "comp_toTheRightOf": lambda scene, a, b: _left_of(scene, b, a),
+    "comp_toTheSideOf": lambda scene, a, b: _left_of(scene, a, b) | _left_of(scene, b, a),
     "comp_inFrontOf": _in_front_of,
     "comp_inCenterOf": _in_center_of,
 }
@@ -231,15 +223,13 @@ class ObjectPredicates:
         """The present state; the last observation if nothing has moved since."""
         knowledge, state = self._simulation.knowledge, self._simulation.state
         last = self._observations[-1] if self._observations else None
-        with knowledge.lock:
-            maps = tuple(knowledge.world(map) for map in knowledge.maps())
-            worlds = (*self._simulation.worlds, *maps)
-        if last and last.ids == state.ids and _same(last.worlds, worlds) and np.array_equal(last.poses, state.poses):
+        maps = self._described()
+        worlds = (*self._simulation.worlds, *maps)
+        are_same = last is not None and [*map(id, last.worlds)] == [*map(id, worlds)] and last.ids == state.ids
+        if last and are_same and np.array_equal(last.poses, state.poses):
             return last
         access = StateAccess(knowledge, self._simulation.current_state)
-        access.fetch()  # before taking the lock, since the engine may take a while
-        with knowledge.lock:
-            scenes = tuple(_scene(_with_rest(each, maps)) for each in access.states())
+        scenes = self._scenes_of(access, maps)
         self._forgotten = self._forgotten or len(self._observations) == OBSERVATIONS.count
         found = _Observation(
             number=next(self._numbers),
@@ -251,6 +241,17 @@ class ObjectPredicates:
         )
         self._observations.append(found)
         return found
+
+    def _described(self) -> tuple[World, ...]:
+        """The worlds of all maps."""
+        knowledge = self._simulation.knowledge
+        with knowledge.lock:
+            return tuple(knowledge.world(map) for map in knowledge.maps())
+
+    def _scenes_of(self, access: StateAccess, maps: tuple[World, ...]) -> tuple[_Scene, ...]:
+        access.fetch()  # before taking the lock, since the engine may take a while
+        with self._simulation.knowledge.lock:
+            return tuple(_scene(_with_rest(each, maps)) for each in access.states())
 
     def observe_at(self, time_s: Value) -> Value:
         """The number of the latest observation that is not after a time [s since 1970]; `none` if there is none.
@@ -292,10 +293,7 @@ class ObjectPredicates:
         ((history, at),) = found
         if (history.name, at) not in self._past:
             access = state_of_time(knowledge, QuestionTime(at_s=at, episode=history.name), knowledge.episodes)
-            access.fetch()
-            with knowledge.lock:
-                maps = tuple(knowledge.world(map) for map in knowledge.maps())
-                scenes = tuple(_scene(_with_rest(each, maps)) for each in access.states())
+            scenes = self._scenes_of(access, self._described())
             while len(self._past) >= OBSERVATIONS.count:
                 del self._past[next(iter(self._past))]
             self._past[history.name, at] = _Observation(
@@ -321,9 +319,7 @@ class ObjectPredicates:
         Raises:
             NameNotFoundError: nothing has that name.
         """
-        if not isinstance(name, str):
-            raise InvalidArgumentError("the individual", cause=f"{name!r} is not a name")
-        text = str(name)
+        text = text_of(name, "individual")
         for scene in scenes:
             if text in scene.rows or text in scene.joints:
                 return Iri(text)
@@ -434,13 +430,12 @@ class ObjectPredicates:
 
     def name_kinds(self, name: Value) -> Value:
         """What a name may denote: class(Iri), individual(Iri), property(Iri)."""
-        if not isinstance(name, str):
-            raise InvalidArgumentError("the name", cause=f"{name!r} is not a name")
+        text = text_of(name, "name")
         found: list[Value] = []
         for kind in (EntityType.CLASS, EntityType.INDIVIDUAL, EntityType.PROPERTY):
             is_class = bool(found)
             try:
-                iri = self._simulation.knowledge.names.find(str(name), kind)
+                iri = self._simulation.knowledge.names.find(text, kind)
             except NameNotFoundError:
                 continue
             except AmbiguousNameError:
@@ -448,7 +443,7 @@ class ObjectPredicates:
                     continue
                 raise
             # The name of a class denotes its only member, too, which is not meant here.
-            if not (is_class and local_name(iri) != local_name(Iri(str(name)))):
+            if not (is_class and local_name(iri) != local_name(text)):
                 found.append(Compound(kind.value, (Atom(iri),)))
         return found
 
@@ -492,9 +487,7 @@ class ObjectPredicates:
         x, y, z, *quaternion = _numbers(numbers, 7)
         pose = _pose((x, y, z, quaternion[3], *quaternion[:3]))
         name = str(id)
-        knowledge = self._simulation.knowledge
-        with knowledge.lock:
-            worlds = tuple(knowledge.world(map) for map in knowledge.maps())
+        worlds = self._described()
         if any(joint.id == name for world in worlds for joint in world.joints):
             return f"{name} is a joint; spawn_constraint/1 spawns joints"
         found = ((world, body) for world in worlds for body in world.bodies if body.id == name)
@@ -519,9 +512,7 @@ class ObjectPredicates:
             cause = f"it is not a list of {_JOINT_NUMBERS} parts"
             raise InvalidArgumentError("the constraint", cause=cause, remedy="give parent, child, pose and limits")
         parent, child = BodyId(str(parts[0])), BodyId(str(parts[1]))
-        knowledge = self._simulation.knowledge
-        with knowledge.lock:
-            worlds = tuple(knowledge.world(map) for map in knowledge.maps())
+        worlds = self._described()
         known = (
             (world, each) for world in worlds for each in world.joints if (each.parent, each.child) == (parent, child)
         )
@@ -578,12 +569,12 @@ class ObjectPredicates:
             text=str(text) if marker_type is MarkerType.TEXT else "",
             body=str(text) if marker_type is MarkerType.BODY_COPY else "",
         )
-        self._simulation.add_markers((marker,))
+        self._simulation.markers.add((marker,))
         return True
 
     def remove_marker(self, id: Value) -> Value:
         """Removes a marker; returns whether it existed."""
-        return bool(self._simulation.remove_markers((str(id),)))
+        return bool(self._simulation.markers.remove((str(id),)))
 
 
 def _with_rest(state: WorldState, maps: Iterable[World]) -> WorldState:
@@ -609,10 +600,6 @@ def _with_rest(state: WorldState, maps: Iterable[World]) -> WorldState:
 def _ids(world: World) -> Iterator[BodyId]:
     yield from (body.id for body in world.bodies)
     yield from (joint.id for joint in world.joints)
-
-
-def _same(a: tuple[World, ...], b: tuple[World, ...]) -> bool:
-    return len(a) == len(b) and all(one is other for one, other in zip(a, b, strict=True))
 
 
 _Located = tuple[Iri, Iri, str, tuple[float, ...], Value]

@@ -55,6 +55,7 @@ __all__ = [
     "answer",
     "literal_term",
     "term_of",
+    "text_of",
 ]
 
 
@@ -115,7 +116,12 @@ class QuestionPredicates:
         return [
             Compound(
                 "predicate",
-                (Atom(each.name), [Atom(name) for name in _columns(each)], len(each.arguments), _first_line(each.text)),
+                (
+                    Atom(each.name),
+                    [Atom(name) for name in _columns(each)],
+                    len(each.arguments),
+                    each.text.partition("\n")[0],
+                ),
             )
             for each in list_questions()
         ]
@@ -225,15 +231,22 @@ def literal_term(text: str, datatype: str | None, language: str | None) -> Compo
     return Compound("literal", (Compound("type", (Atom(type), Atom(text))),))
 
 
+def text_of(value: Value, role: str) -> str:
+    """The text of an atom or string.
+
+    Raises:
+        InvalidArgumentError: it is neither; `role` says what it should be the name of.
+    """
+    if isinstance(value, str):
+        return str(value)
+    raise InvalidArgumentError(f"the {role}", cause=f"{value!r} is not a name")
+
+
 def _columns(question: Question[Any]) -> list[str]:
     """The columns of a predicate in their order: the map first, as in KnowRob, then the other arguments."""
     arguments = [argument.name for argument in question.arguments]
     arguments.sort(key=lambda name: name != "map")
     return [*arguments, *(column for column in question.columns if column not in arguments)]
-
-
-def _first_line(text: str) -> str:
-    return text.partition("\n")[0]
 
 
 class WorldPredicates:
@@ -302,7 +315,7 @@ class WorldPredicates:
 
     def _world(self, map: Value) -> World:
         knowledge = self._simulation.knowledge
-        return knowledge.world(knowledge.names.find(_name(map, "map"), EntityType.MAP))
+        return knowledge.world(knowledge.names.find(text_of(map, "map"), EntityType.MAP))
 
     def _spawn(self, world: World) -> bool:
         report = self._simulation.spawn(world)
@@ -311,7 +324,7 @@ class WorldPredicates:
 
     def _select(self, names: Sequence[Value], candidates: Collection[Iri], type_name: str, world: World) -> list[Iri]:
         find = self._simulation.knowledge.names.find
-        iris = [find(_name(name, "individual"), EntityType.INDIVIDUAL) for name in names]
+        iris = [find(text_of(name, "individual"), EntityType.INDIVIDUAL) for name in names]
         for iri in iris:
             if iri not in candidates:
                 raise InvalidArgumentError(local_name(iri), cause=f"it is none of the {type_name} of {world.name}")
@@ -341,7 +354,7 @@ class WorldPredicates:
 
     def _body_or_name(self, individual: Value) -> str:
         """The id of a body if the name is one, otherwise the IRI."""
-        name = _name(individual, "individual")
+        name = text_of(individual, "individual")
         return (
             name
             if name in self._simulation.state.ids
@@ -363,12 +376,6 @@ def _failures(report: SpawnReport) -> Iterator[Value]:
     ):
         for failure in failures:
             yield Compound("failed", (Atom(kind), Atom(failure.id), failure.reason))
-
-
-def _name(value: Value, description: str) -> str:
-    if isinstance(value, str):
-        return str(value)
-    raise InvalidArgumentError(f"the {description}", cause=f"{value!r} is not a name")
 
 
 def _color(value: Value) -> Color | None:
@@ -458,7 +465,7 @@ class RdfPredicates:
 
     def assert_triple(self, subject: Value, property: Value, value: Value, graph: Value) -> Value:
         """Adds a triple to a graph."""
-        subject_name, property_name = _text(subject, "subject"), _text(property, "property")
+        subject_name, property_name = text_of(subject, "subject"), text_of(property, "property")
         triples = TripleStoreView(self._knowledge)
         triples.add(subject_name, property_name, _to_rdf_term(value), _graph(graph))
         return True
@@ -475,7 +482,7 @@ class RdfPredicates:
 
     def load_source(self, source: Value, follow_imports: Value = True) -> Value:
         """Loads a file, a folder of packages or a `package://` URL, with imports."""
-        self._knowledge.load((), ontologies=_text(source, "source"), follow_imports=follow_imports is True)
+        self._knowledge.load((), ontologies=text_of(source, "source"), follow_imports=follow_imports is True)
         return True
 
     def _rows(
@@ -499,37 +506,35 @@ class RdfPredicates:
 
     # -- inference -----------------------------------------------------------------------------------------------------
 
-    def table(self, table: Value, name: Value) -> Value:  # noqa: PLR0911 (one per table)
+    def table(self, table: Value, name: Value) -> Value:
         """What is inferred about a class, an individual or a property, for the tables of `rdf_mirror.pl`."""
-        properties = self._knowledge.reasoner.properties
-        match str(table):
-            case "class_member_":
-                return [each[0] for each in self.individuals(FREE, name)]
-            case "class_of_":
-                return [each[1] for each in self.individuals(name, FREE)]
-            case "superclass_":
-                return [each[1] for each in self.subclasses(name, FREE)]
-            case "subclass_":
-                return [each[0] for each in self.subclasses(FREE, name)]
-            case "restriction_":
-                owned = self._knowledge.reasoner.restrictions(Iri(_text(name, "class")))
-                return list(dict.fromkeys(_restriction_term(each.restriction) for each in owned))
-            case "implied_":
-                return [Atom(each) for each in properties.sub_properties(Iri(_text(name, "property")))]
-            case "superproperty_":
-                return [Atom(each) for each in properties.super_properties(Iri(_text(name, "property")))]
-            case _:
-                used = properties.used_expressions(Iri(_text(name, "property")))
-                return [Compound("forward" if each else "backward", (Atom(node.value),)) for node, each in used]
+        reasoner, iri = self._knowledge.reasoner, Iri(text_of(name, "name"))
+        properties = reasoner.properties
+        tables: dict[str, Callable[[], Iterable[Value]]] = {
+            "class_member_": lambda: (each[0] for each in self.individuals(FREE, name)),
+            "class_of_": lambda: (each[1] for each in self.individuals(name, FREE)),
+            "superclass_": lambda: (each[1] for each in self.subclasses(name, FREE)),
+            "subclass_": lambda: (each[0] for each in self.subclasses(FREE, name)),
+            "restriction_": lambda: dict.fromkeys(
+                _restriction_term(each.restriction) for each in reasoner.restrictions(iri)
+            ),
+            "implied_": lambda: map(Atom, properties.sub_properties(iri)),
+            "superproperty_": lambda: map(Atom, properties.super_properties(iri)),
+            "expressions_": lambda: (
+                Compound("forward" if forward else "backward", (Atom(node.value),))
+                for node, forward in properties.used_expressions(iri)
+            ),
+        }
+        return list(tables[str(table)]())
 
     def description(self, node: Value) -> Value:
         """The class expression of a node; None if it is no class."""
-        name = _text(node, "class")
+        name = text_of(node, "class")
         return _description_term(self._knowledge.reasoner.expression(Iri(name)))
 
     def package_folder(self, package: Value) -> Value:
         """The folder of a ROS package among those of the knowledge base; None if there is none."""
-        folder = self._knowledge.package_folder(_text(package, "package"))
+        folder = self._knowledge.package_folder(text_of(package, "package"))
         return None if folder is None else Atom(str(folder))
 
     def individuals(self, individual: Value, cls: Value) -> list[list[Value]]:
@@ -595,7 +600,7 @@ class RdfPredicates:
         """The IRI of a name; a full IRI is not looked up, so it may be unknown."""
         if value is FREE:
             return None
-        name = _text(value, kind.value)
+        name = text_of(value, kind.value)
         return Iri(name) if ":" in name else self._knowledge.names.find(name, kind)
 
 
@@ -615,18 +620,12 @@ def _graph(value: Value) -> str | None:
     """The graph that Prolog calls by a name: `user` is that of assertions, other names without a scheme are URNs."""
     if value is FREE:
         return None
-    name = _text(value, "graph")
+    name = text_of(value, "graph")
     return RUNTIME_GRAPH_IRI if name == "user" else name if ":" in name else _GRAPH_PREFIX + name
 
 
 def _resource_name(value: Value, role: str) -> str | None:
-    return None if value is FREE else _text(value, role)
-
-
-def _text(value: Value, role: str) -> str:
-    if isinstance(value, str):
-        return str(value)
-    raise InvalidArgumentError(f"the {role}", cause=f"{value!r} is not a name")
+    return None if value is FREE else text_of(value, role)
 
 
 class _ValuePattern(msgspec.Struct, frozen=True):
@@ -706,21 +705,15 @@ def _restriction_term(restriction: Restriction) -> Compound:
     """A restriction in the terms of ClioPatria's `owl_restriction/2`."""
     filler = Atom(OWL + "Thing") if restriction.filler is None else _description_term(restriction.filler)
     count = restriction.cardinality or 0
-    match restriction.restriction_type:
-        case RestrictionType.SOME:
-            condition = Compound("some_values_from", (filler,))
-        case RestrictionType.ALL:
-            condition = Compound("all_values_from", (filler,))
-        case RestrictionType.HAS_VALUE:
-            condition = Compound("has_value", (filler,))
-        case RestrictionType.HAS_SELF:
-            condition = Compound("has_self", (True,))
-        case RestrictionType.MIN_CARDINALITY:
-            condition = Compound("cardinality", (count, Atom("inf")))
-        case RestrictionType.MAX_CARDINALITY:
-            condition = Compound("cardinality", (0, count))
-        case _:
-            condition = Compound("cardinality", (count, count))
+    conditions: dict[RestrictionType, tuple[str, tuple[Value, ...]]] = {
+        RestrictionType.SOME: ("some_values_from", (filler,)),
+        RestrictionType.ALL: ("all_values_from", (filler,)),
+        RestrictionType.HAS_VALUE: ("has_value", (filler,)),
+        RestrictionType.HAS_SELF: ("has_self", (True,)),
+        RestrictionType.MIN_CARDINALITY: ("cardinality", (count, Atom("inf"))),
+        RestrictionType.MAX_CARDINALITY: ("cardinality", (0, count)),
+    }
+    condition = Compound(*conditions.get(restriction.restriction_type, ("cardinality", (count, count))))
     property = Atom(restriction.property)
     return Compound(
         "restriction", (Compound("inverse_of", (property,)) if restriction.inverse else property, condition)

@@ -424,6 +424,16 @@ def graph_from_quads(quads: Iterable[ox.Quad], used_labels: set[str]) -> Graph:
     return graph
 
 
+def has_blank_node(quad: ox.Quad) -> bool:
+    """Whether a statement is about a blank node, or refers to one."""
+    return isinstance(quad.subject, ox.BlankNode) or isinstance(quad.object, ox.BlankNode)
+
+
+def quads_with_property(source: QuadSource, property: str) -> Iterator[ox.Quad]:
+    """All statements with a property."""
+    return source.quads_for_pattern(None, ox.NamedNode(property), None)
+
+
 def read_named_graph(source: QuadSource, name: Iri) -> Graph:
     """The statements of a named graph of a store."""
     return graph_from_quads(source.quads_for_pattern(None, None, None, ox.NamedNode(name)), set())

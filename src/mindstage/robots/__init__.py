@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from mindstage.robots.edits import AddRobot, RemoveRobot, add_robot
     from mindstage.robots.models.robot_model import RobotModel
     from mindstage.robots.navigation import plan_base
-    from mindstage.robots.planning import plan_arm, plan_line, plan_path
+    from mindstage.robots.planning import plan_arm, plan_path
     from mindstage.robots.robot import JointState, Odometry, Robot
     from mindstage.robots.robot_kinematics import IkResult, RobotKinematics
     from mindstage.robots.self_models import add_self_model, read_self_model
@@ -39,7 +39,6 @@ __all__ = [
     "find_robot",
     "plan_arm",
     "plan_base",
-    "plan_line",
     "plan_path",
     "read_self_model",
     "robots_of",
@@ -51,7 +50,7 @@ _NAMES_BY_MODULE = {
     "robot_kinematics": ("IkResult", "RobotKinematics"),
     "models.robot_model": ("RobotModel",),
     "navigation": ("plan_base",),
-    "planning": ("plan_arm", "plan_line", "plan_path"),
+    "planning": ("plan_arm", "plan_path"),
     "robot": ("JointState", "Odometry", "Robot"),
     "self_models": ("add_self_model", "read_self_model"),
     "trajectories": ("JointTrajectory", "TrajectoryPoint"),

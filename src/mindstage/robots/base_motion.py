@@ -24,6 +24,7 @@ from mindstage.robots.control import (
     named,
 )
 from mindstage.robots.drives import BaseDrive
+from mindstage.robots.floor_poses import BasePose, wrapped
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.scene.transforms import Array
 
@@ -146,7 +147,7 @@ class BaseBrake(BaseGoal):
 class PathGoal(BaseGoal):
     """Drives the base along poses."""
 
-    def __init__(self, base: BaseDrive, path: Sequence[tuple[float, float, float]], speed: float) -> None:
+    def __init__(self, base: BaseDrive, path: Sequence[BasePose], speed: float) -> None:
         super().__init__("path", base)
         self._path = tuple(path)
         self._speed = speed
@@ -266,11 +267,6 @@ class VelocityGoal(BaseGoal):
         elif self._left_s <= 0.0:
             reason = f"no velocity was commanded for {DRIVE_TIMEOUT_S:g} s"
             self.end(MotionOutcome.CANCELED, reason, failure=MotionFailure.TIMEOUT)
-
-
-def wrapped(angle: float) -> float:
-    """An angle within [-pi, pi)."""
-    return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 def rotated(velocity: Array, yaw: float) -> Array:

@@ -16,15 +16,16 @@ import numpy as np
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.ranges import Count, Length, WallTime, checked
-from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker, MotionRobot
-from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
+from mindstage.robots.floor_poses import BasePose, wrapped
 from mindstage.robots.models.robot_model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.planning import find_arm
+from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.scene.transforms import Array, normalized_pose_array
 
 __all__ = ["BasePlacement", "find_base_placements", "reachable_region"]
 
@@ -49,7 +50,7 @@ _REGION_ATTEMPTS = 3
 class BasePlacement(msgspec.Struct, frozen=True, kw_only=True):
     """A place of the base from which an arm reaches all targets."""
 
-    base: tuple[float, float, float]
+    base: BasePose
     """x, y [m] and yaw [rad] of the base in the world frame."""
     positions: tuple[Mapping[str, float], ...]
     """Positions of the arm's joints for each target [m or rad]."""
@@ -70,7 +71,7 @@ class _Placing:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         arm: Arm | str,
         targets: Iterable[PoseLike],
         *,
@@ -88,9 +89,7 @@ class _Placing:
         self.positions = robot.joint_positions()
         self.rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
         self.here = robot.base_pose()
-        self.root = robot.link_pose(robot.model.root)
-        at = (float(self.root[0]), float(self.root[1]), yaw_of(self.root[3:]))
-        self.root_in_base = planar_multiply(planar_inverse(self.here), at)
+        self.base_frame = robot.base_frame()
         self.checker = CollisionChecker(
             robot, joints=self.arm.joints, base_moves=True, ignore=ignore, touch=touch, clearance_m=clearance_m
         )
@@ -104,7 +103,7 @@ class _Placing:
 
     def _extent(self) -> tuple[float, float]:
         """The largest horizontal distance of the grasp frame from the base [m], and its mean direction [rad]."""
-        root = self._root_at((0.0, 0.0, 0.0))
+        root = self.base_frame.root_at((0.0, 0.0, 0.0))
         rows = self.middle + self.half * np.random.default_rng(0).uniform(-1.0, 1.0, (_SAMPLES, len(self.half)))
         places = np.array(
             [
@@ -117,15 +116,7 @@ class _Placing:
         x, y = places.mean(axis=0).tolist()
         return float(np.hypot(*places.T).max()), atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
 
-    def _root_at(self, base: tuple[float, float, float]) -> Array:
-        """The pose of the root link for a pose of the base."""
-        x, y, yaw = planar_multiply(base, self.root_in_base)
-        turned = yaw_of(self.root[3:])
-        upright = pose_multiply(np.array([0.0, 0.0, 0.0, cos(turned / 2), 0.0, 0.0, -sin(turned / 2)]), self.root)
-        upright[:2] = 0.0
-        return pose_multiply(np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]), upright)
-
-    def candidates(self, max_distance_m: float | None) -> Iterator[tuple[tuple[float, float, float], float]]:
+    def candidates(self, max_distance_m: float | None) -> Iterator[tuple[BasePose, float]]:
         """Places that the base can drive to with a part of their score, in an order that covers all sides early."""
         middle, reach_m = self.targets[:, :2].mean(axis=0), max_distance_m or self.reach_m
         x, y, yaw = self.here
@@ -133,7 +124,7 @@ class _Placing:
         away = atan2(y - middle[1], x - middle[0])
         distances = np.arange(0.3, reach_m + 1e-9, _DISTANCE_STEP_M).tolist()
         order = sorted(distances, key=lambda each: abs(each - 0.6 * reach_m))
-        found: list[tuple[float, tuple[float, float, float], float]] = []
+        found: list[tuple[float, BasePose, float]] = []
         for ring, distance in enumerate(order):
             for number in range(_BEARING_COUNT):
                 bearing = away + 2 * pi * (number + 0.5 * (ring % 2)) / _BEARING_COUNT
@@ -143,11 +134,11 @@ class _Placing:
                     continue
                 for offset in _HEADINGS_RAD:
                     cost = _DRIVE_WEIGHT * length + _HEADING_WEIGHT * abs(offset)
-                    found.append((cost + 0.02 * ring, (px, py, _wrapped(bearing + pi - self.side + offset)), length))
+                    found.append((cost + 0.02 * ring, (px, py, wrapped(bearing + pi - self.side + offset)), length))
         for _, base, length in sorted(found, key=lambda each: each[0]):
             yield base, length
 
-    def placement(self, base: tuple[float, float, float], drive_m: float) -> BasePlacement | None:
+    def placement(self, base: BasePose, drive_m: float) -> BasePlacement | None:
         """A place with positions for all targets; None if one is not reached, or there is a collision.
 
         Where the arm alone does not reach the first target, as one with few joints, the base is moved a little.
@@ -175,37 +166,35 @@ class _Placing:
                 return None
             found.append(values)
         away = np.where(self.is_limited, 1.0 - np.abs(np.array(found) - self.middle) / self.half, 1.0)
-        heading = abs(_wrapped(base[2] + self.side - self._facing(base)))
+        heading = abs(wrapped(base[2] + self.side - self._facing(base)))
         moving = _MOVE_COST if base != self.here else 0.0
         score = float(away.min()) - moving - _DRIVE_WEIGHT * drive_m - _HEADING_WEIGHT * heading
         positions = tuple(dict(zip(self.arm.joints, values.tolist(), strict=True)) for values in found)
         return BasePlacement(base=base, positions=positions, score=score, drive_m=drive_m)
 
-    def _adjusted(self, base: tuple[float, float, float]) -> tuple[float, float, float] | None:
+    def _adjusted(self, base: BasePose) -> BasePose | None:
         """A place near another one from which the arm reaches the first target."""
         result = self.kinematics.solve_ik(
             self.frame,
             self.targets[0],
             joints=(*self.arm.joints, *BASE_JOINTS),
             seed={**self.positions, **dict(zip(self.arm.joints, self.middle.tolist(), strict=True))},
-            root_pose=self._root_at(base),
+            root_pose=self.base_frame.root_at(base),
             free=self.free,
             attempts=1,
         )
         if not result:
             return None
-        root = np.array(result.root_pose)
-        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
-        near = planar_multiply(at, planar_inverse(self.root_in_base))
+        near = self.base_frame.base_at(np.array(result.root_pose))
         return near if hypot(near[0] - base[0], near[1] - base[1]) < _MAX_ADJUSTMENT_M else None
 
-    def _facing(self, base: tuple[float, float, float]) -> float:
+    def _facing(self, base: BasePose) -> float:
         middle = self.targets[:, :2].mean(axis=0)
         return atan2(middle[1] - base[1], middle[0] - base[0])
 
-    def _reaching(self, target: Array, seed: Mapping[str, float], base: tuple[float, float, float]) -> Array | _Reason:
+    def _reaching(self, target: Array, seed: Mapping[str, float], base: BasePose) -> Array | _Reason:
         """Positions of the arm without collisions for a target, or why there are none."""
-        root = self._root_at(base)
+        root = self.base_frame.root_at(base)
         solutions = self.kinematics.solutions(
             self.frame,
             target,
@@ -232,7 +221,7 @@ class _Placing:
 
 @checked
 def find_base_placements(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     targets: Iterable[PoseLike],
     *,
@@ -288,7 +277,7 @@ def find_base_placements(
 
 
 def reachable_region(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str = "",
     height_m: float = 1.0,
     *,
@@ -364,8 +353,3 @@ def _extent(kinematics: RobotKinematics, arm: Arm, root: Array) -> tuple[Array, 
         [kinematics.pose(frame, dict(zip(arm.joints, row, strict=True)), root_pose=root)[:2] for row in rows.tolist()]
     )
     return places.min(axis=0) - 0.1, places.max(axis=0) + 0.1
-
-
-def _wrapped(angle: float) -> float:
-    """The same angle within -pi and pi."""
-    return (angle + pi) % (2 * pi) - pi

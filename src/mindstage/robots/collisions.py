@@ -9,23 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 import numpy as np
 
 from mindstage.engines.base import Engine
 from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
-from mindstage.robots.drives import links_moved_by, planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.drives import links_moved_by
+from mindstage.robots.floor_poses import BasePose, base_pose_of
 from mindstage.robots.models.robot_model import Gripper, RobotJoint, RobotModel
-from mindstage.robots.world import RobotWorld
+from mindstage.robots.robot import Robot
 from mindstage.scene import BodyId, PoseLike, Vector
 from mindstage.scene.edits import Spawn
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
 from mindstage.simulation.imagined import copied_engine
-from mindstage.simulation.state import EngineSession
+from mindstage.simulation.simulation import Simulation
 
-__all__ = ["Collision", "CollisionChecker", "HandChecker", "MotionRobot", "links_behind"]
+__all__ = ["Collision", "CollisionChecker", "HandChecker", "links_behind"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
@@ -40,39 +41,6 @@ _TOUCH_M = 0.001
 """Distance at which a gripper counts as touching something [m]."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
-
-
-class MotionRobot(Protocol):
-    """The part of `Robot` that motion planning uses."""
-
-    @property
-    def name(self) -> str:
-        """The name of the robot."""
-
-    @property
-    def model(self) -> RobotModel:
-        """Its model."""
-
-    @property
-    def session(self) -> EngineSession:
-        """The simulation that it is in."""
-
-    @property
-    def placed(self) -> RobotWorld:
-        """Its bodies and joints as they were spawned."""
-
-    @property
-    def held(self) -> Mapping[str, BodyId]:
-        """The body in each gripper that holds one."""
-
-    def joint_positions(self) -> dict[str, float]:
-        """The positions of the joints [m or rad]."""
-
-    def base_pose(self) -> tuple[float, float, float]:
-        """x, y [m] and yaw [rad] of the base in the world frame."""
-
-    def link_pose(self, link: str) -> Array:
-        """The pose of a link in the world frame, seven numbers."""
 
 
 class Collision(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,7 +62,7 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.part} is {text} mm {'inside' if self.distance_m < 0.0 else 'from'} {other}"
 
 
-def _in_mujoco(engine: Engine, session: EngineSession) -> Engine:
+def _in_mujoco(engine: Engine, session: Simulation) -> Engine:
     """A copy of the world of another engine in MuJoCo."""
     spawn = partial(Spawn, geometry=session.geometry, immovable=session.immovable)
     return copied_engine(engine, worlds=session.worlds, spawn=spawn, physics=True)[0]
@@ -167,7 +135,7 @@ class CollisionChecker:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         *,
         joints: Sequence[str] | None = None,
         base_moves: bool = False,
@@ -215,12 +183,10 @@ class CollisionChecker:
                 clearance_m=max(clearance_m, 0.0),
             )
 
-        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._contacts = robot.session.engine.run(copy, label="copy for collisions")
         self._set_joints()
         self._base_joint = robot.placed.base_joint_id if base_moves else None
-        root = robot.link_pose(model.root)
-        at = (float(root[0]), float(root[1]), yaw_of(root[3:]))
-        self._root_in_base = planar_multiply(planar_inverse(robot.base_pose()), at)
+        self._base_frame = robot.base_frame()
         self._classify(touch)
         self._fit_links()
         nearest: dict[tuple[int, int], float] = {}
@@ -304,18 +270,18 @@ class CollisionChecker:
         self._columns = np.array(columns, dtype=np.intp)
         self._factors, self._offsets = np.array(factors), np.array(offsets)
 
-    def find(self, values: Array | Sequence[float], base: tuple[float, float, float] | None = None) -> Collision | None:
+    def find(self, values: Array | Sequence[float], base: BasePose | None = None) -> Collision | None:
         """The worst collision in a state; None if it is free.
 
         Args:
             values: positions of `joints`, in their order [m or rad].
-            base: x, y [m] and yaw [rad] of the base, as `MotionRobot.base_pose`, if it is moved; None for where it
+            base: x, y [m] and yaw [rad] of the base, as `Robot.base_pose`, if it is moved; None for where it
                 was last.
         """
         self.tests += 1
         contacts = self._contacts
         if base is not None and self._base_joint is not None:
-            contacts.set_planar_pose(self._base_joint, *planar_multiply(base, self._root_in_base))
+            contacts.set_planar_pose(self._base_joint, *base_pose_of(self._base_frame.root_at(base)))
         self._set_values(values)
         found = self._too_near(self._allowed)
         if not found:
@@ -341,9 +307,7 @@ class CollisionChecker:
         """
         self._contacts.set_joint(joint, position)
 
-    def find_at(
-        self, positions: Mapping[str, float], base: tuple[float, float, float] | None = None
-    ) -> Collision | None:
+    def find_at(self, positions: Mapping[str, float], base: BasePose | None = None) -> Collision | None:
         """As `find`, with positions by joint; joints that are left out are where they were when this was made."""
         return self.find([positions.get(name, now) for name, now in zip(self.joints, self.start, strict=True)], base)
 
@@ -376,7 +340,7 @@ class HandChecker:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         gripper: Gripper,
         *,
         touch: Collection[BodyId] = (),
@@ -400,7 +364,7 @@ class HandChecker:
                 source.compiled(), moving=self._hand, ignored=ignored, clearance_m=max(clearance_m, 0.0)
             )
 
-        self._contacts = robot.session.run_on_engine(copy, label="copy for collisions")
+        self._contacts = robot.session.engine.run(copy, label="copy for collisions")
         self._clearance_m = clearance_m
         self._link = link_ids[gripper.link]
         self._grasp = normalized_pose_array(gripper.grasp_pose)

@@ -19,6 +19,7 @@ import numpy as np
 from mindstage.engines.base import Actuator, ActuatorMode, Engine
 from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import movable_axes
+from mindstage.robots.floor_poses import BasePose, base_pose_of, planar_inverse, planar_multiply, planar_pose
 from mindstage.robots.models.robot_model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import Body, BodyId, Joint, Pose
@@ -31,7 +32,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["BaseDrive", "JointDrive", "RobotDrives", "drives_of", "yaw_of"]
+__all__ = ["BaseDrive", "JointDrive", "RobotDrives", "drives_of"]
 
 _FULL_EFFORT_ERRORS = {True: 0.004, False: 0.015}
 """The error at which the drive of a prismatic [m] or revolute joint [rad] has its largest effort."""
@@ -119,9 +120,9 @@ class BaseDrive(msgspec.Struct, frozen=True, kw_only=True):
     """The frame of the joint when spawned, in the world frame."""
     root_offset: Pose
     """The frame of `root` in the frame of the joint's child."""
-    odom: tuple[float, float, float]
+    odom: BasePose
     """`frame` on the floor: x, y [m], yaw [rad]."""
-    offset: tuple[float, float, float]
+    offset: BasePose
     """The frame of the base link in the frame of the joint's child."""
     velocity: float
     """[m/s]."""
@@ -137,20 +138,18 @@ class BaseDrive(msgspec.Struct, frozen=True, kw_only=True):
         """The largest acceleration of each coordinate [m/s², m/s², rad/s²]."""
         return self.acceleration, self.acceleration, self.turn_acceleration
 
-    def world_from_joint(self, coordinates: Array) -> tuple[float, float, float]:
+    def world_from_joint(self, coordinates: Array) -> BasePose:
         """The pose of the base link in the world frame at coordinates of the joint: x, y [m], yaw [rad]."""
-        x, y, yaw = coordinates.tolist()
-        return planar_multiply(planar_multiply(self.odom, (x, y, yaw)), self.offset)
+        return planar_multiply(planar_multiply(self.odom, tuple(coordinates.tolist())), self.offset)
 
-    def joint_from_world(self, pose: tuple[float, float, float]) -> Array:
+    def joint_from_world(self, pose: BasePose) -> Array:
         """The coordinates of the joint at a pose of the base link in the world frame; yaw within [-pi, pi)."""
         root = planar_multiply(pose, planar_inverse(self.offset))
         return np.array(planar_multiply(planar_inverse(self.odom), root))
 
-    def root_pose(self, pose: tuple[float, float, float]) -> Pose:
+    def root_pose(self, pose: BasePose) -> Pose:
         """The pose of the root in the world frame at a pose of the base link: x, y [m], yaw [rad]."""
-        x, y, yaw = self.joint_from_world(pose).tolist()
-        moved = np.array([x, y, 0.0, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+        moved = planar_pose(tuple(self.joint_from_world(pose).tolist()))
         joint = pose_multiply(normalized_pose_array(self.frame), moved)
         return pose_from_array(pose_multiply(joint, normalized_pose_array(self.root_offset)))
 
@@ -276,27 +275,6 @@ def finger_links_by_finger(model: RobotModel, gripper: Gripper) -> tuple[frozens
     return tuple(frozenset(each) for each in groups.values())
 
 
-def yaw_of(quaternion: Array) -> float:
-    """The rotation about the vertical axis of a unit quaternion w x y z [rad]."""
-    w, x, y, z = quaternion.tolist()
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-
-
-def planar_multiply(
-    first: tuple[float, float, float], second: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """The product of two planar poses x, y, yaw."""
-    c, s = math.cos(first[2]), math.sin(first[2])
-    x, y = first[0] + c * second[0] - s * second[1], first[1] + s * second[0] + c * second[1]
-    return x, y, (first[2] + second[2] + math.pi) % (2 * math.pi) - math.pi
-
-
-def planar_inverse(pose: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The inverse of a planar pose x, y, yaw."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return -c * pose[0] - s * pose[1], s * pose[0] - c * pose[1], -pose[2]
-
-
 def _joint_drive(
     joint: RobotJoint,
     record: Joint,
@@ -362,8 +340,8 @@ def _base_drive(
     link = normalized_pose_array(placed.world.body(placed.link_ids[base.link]).pose)
     root = placed.link_ids[model.root]
     root_pose = normalized_pose_array(placed.world.body(root).pose)
-    odom = (float(frame[0]), float(frame[1]), yaw_of(frame[3:]))
-    offset = planar_multiply(planar_inverse(odom), (float(link[0]), float(link[1]), yaw_of(link[3:])))
+    odom = base_pose_of(frame)
+    offset = planar_multiply(planar_inverse(odom), base_pose_of(link))
     inertia = mass_kg * max(base.radius_m, 0.2) ** 2
     sizes = (mass_kg, mass_kg, inertia)
     accelerations = (base.acceleration, base.acceleration, base.turn_acceleration)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Mapping
+from collections.abc import Collection, Generator, Mapping
 from itertools import count
 from os import PathLike
 from pathlib import Path
@@ -18,12 +18,13 @@ from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import RobotLink, RobotModel
-from mindstage.robots.robot import Robot, RobotSession, contact_free_pairs
-from mindstage.robots.skill_declaration import SkillResult, SkillStep
+from mindstage.robots.robot import Robot, contact_free_pairs
+from mindstage.robots.skill_declaration import SkillResult
 from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyGeometry, BodyId, PoseLike, World
 from mindstage.scene.edits import Delete, Edit, GeometryEdit, Spawn
 from mindstage.scene.geometry import Inertia
+from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import SessionEdit
 
 __all__ = ["AddRobot", "RemoveRobot", "RobotDescription", "add_robot"]
@@ -135,9 +136,9 @@ class AddRobot(GeometryEdit, SessionEdit, frozen=True, kw_only=True):
 
     def complete(self, session: Any, engine: Engine) -> None:
         """See `SessionEdit`."""
-        former = session.former_robots.get(self.name)
+        former = session.robots.former(self.name)
         is_same = isinstance(former, Robot) and former.placed.world is self.world
-        session.keep_robot(former if is_same else self._robot(session))
+        session.robots.keep(former if is_same else self._robot(session))
 
     def removal(self, present: Collection[BodyId]) -> RemoveRobot:
         """The edit that removes the robot.
@@ -148,7 +149,7 @@ class AddRobot(GeometryEdit, SessionEdit, frozen=True, kw_only=True):
         existing = set(present)
         return RemoveRobot(robot=self, bodies=tuple(id for id in self.ids if id in existing))
 
-    def _robot(self, session: RobotSession) -> Robot:
+    def _robot(self, session: Simulation) -> Robot:
         placed = RobotWorld(
             world=self.world,
             geometry=self.geometry,
@@ -205,11 +206,11 @@ class RemoveRobot(SessionEdit, frozen=True, kw_only=True):
 
     def complete(self, session: Any, engine: Engine) -> None:
         """See `SessionEdit`."""
-        session.drop_robot(self.robot.name)
+        session.robots.drop(self.robot.name)
 
 
 def add_robot(
-    session: RobotSession,
+    session: Simulation,
     source: str | PathLike[str] | RobotModel,
     pose: PoseLike = IDENTITY,
     *,
@@ -245,7 +246,7 @@ def add_robot(
     world_ids = {joint.id for world in session.worlds for joint in world.joints}
     placed = robot_world(model, pose, name=name, taken={*session.state.ids, *world_ids})
     drives = drives_of(model, placed, name=name)
-    has_drives = Capability.ACTUATORS in session.capabilities
+    has_drives = Capability.ACTUATORS in session.engine.capabilities
     edit = AddRobot(
         name=name,
         world=placed.world,
@@ -271,16 +272,8 @@ def add_robot(
     return cast("Robot", session.robots[name])
 
 
-def _start_skill(
-    robot: Robot,
-    name: str,
-    args: Mapping[str, object],
-    *,
-    deadline_s: float,
-    seed: int,
-    on_step: Callable[[SkillStep], object] | None,
-) -> Generator[float, None, SkillResult]:
+def _start_skill(*args: Any, **options: Any) -> Generator[float, None, SkillResult]:
     """See `start_skill`, whose module takes a second to import: when the first skill is performed."""
     from mindstage.robots.skill_performance import start_skill
 
-    return start_skill(robot, name, args, deadline_s=deadline_s, seed=seed, on_step=on_step)
+    return start_skill(*args, **options)

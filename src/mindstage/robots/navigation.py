@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import pairwise
-from math import atan2, ceil, hypot, pi
+from math import atan2, ceil, hypot
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,12 @@ from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
 from mindstage.ranges import Count, Finite, Length, Point, Seed, WallTime, checked
-from mindstage.robots.collisions import CollisionChecker, MotionRobot
+from mindstage.robots.base_motion import differential_path
+from mindstage.robots.collisions import CollisionChecker
+from mindstage.robots.floor_poses import BasePose, wrapped
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.planning import load_ompl, termination
+from mindstage.robots.robot import Robot
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.bounding_boxes import Indices
@@ -32,7 +35,7 @@ from mindstage.scene.transforms import Array
 
 __all__ = ["BasePath", "FloorMap", "plan_base"]
 
-BasePath = tuple[tuple[float, float, float], ...]
+BasePath = tuple[BasePose, ...]
 """Poses of the base in the world frame: x, y [m], yaw [rad]."""
 
 _MARGIN_M = 0.01
@@ -63,11 +66,11 @@ class FloorMap:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         *,
         ignore: Collection[BodyId] = (),
         moved: Mapping[BodyId, PoseLike] | None = None,
-        start: tuple[float, float, float] | None = None,
+        start: BasePose | None = None,
     ) -> None:
         """Computes the free floor for a disc around the base.
 
@@ -161,7 +164,7 @@ class FloorMap:
         return self.plan.cells_near(point, _NEAR_CELLS * self.plan.cell)
 
 
-def _radius(low: Array, high: Array, base: tuple[float, float, float]) -> float:
+def _radius(low: Array, high: Array, base: BasePose) -> float:
     """The radius about the base that contains some boxes [m]."""
     far = np.maximum(np.abs(low[:, :2] - base[:2]), np.abs(high[:, :2] - base[:2]))
     return float(np.hypot(far[:, 0], far[:, 1]).max(initial=0.3))
@@ -169,7 +172,7 @@ def _radius(low: Array, high: Array, base: tuple[float, float, float]) -> float:
 
 @checked
 def plan_base(
-    robot: MotionRobot,
+    robot: Robot,
     goal: Point,
     *,
     ignore: Collection[BodyId] = (),
@@ -245,8 +248,8 @@ class _Way:
 
     def __init__(
         self,
-        robot: MotionRobot,
-        goal: tuple[float, float, float],
+        robot: Robot,
+        goal: BasePose,
         ignore: Collection[BodyId],
         clearance_m: float,
         floor: FloorMap,
@@ -254,7 +257,7 @@ class _Way:
     ) -> None:
         self.robot, self.floor, self.limit = robot, floor, limit
         self.start = floor.start
-        self.goal = (float(goal[0]), float(goal[1]), self.start[2] + _wrapped(goal[2] - self.start[2]))
+        self.goal = (float(goal[0]), float(goal[1]), self.start[2] + wrapped(goal[2] - self.start[2]))
         self.is_differential = robot.model.base.type is BaseType.DIFFERENTIAL
         self.checker = CollisionChecker(robot, joints=(), base_moves=True, ignore=ignore, clearance_m=clearance_m)
 
@@ -267,7 +270,7 @@ class _Way:
         if (found := self.obstacle_at(self.goal)) is not None:
             raise self.unreachable(f"there {found[0]}", found[1])
 
-    def obstacle_at(self, pose: tuple[float, float, float]) -> tuple[str, BodyId | None] | None:
+    def obstacle_at(self, pose: BasePose) -> tuple[str, BodyId | None] | None:
         """Why the robot cannot be at a pose, and the body that is there; None if it can."""
         if not self.floor.is_floor(pose[0], pose[1]):
             return "is no floor", None
@@ -281,7 +284,7 @@ class _Way:
             self.robot.name, target=f"({x:.2f}, {y:.2f}, {yaw:.2f})", reason=reason, obstacle=obstacle
         )
 
-    def first_obstacle(self, path: Sequence[tuple[float, float, float]]) -> tuple[str, BodyId | None] | None:
+    def first_obstacle(self, path: Sequence[BasePose]) -> tuple[str, BodyId | None] | None:
         """The first obstacle on a path from the start; see `obstacle_at`."""
         for a, b in pairwise([self.start, *path]):
             for pose in self._between(a, b):
@@ -289,31 +292,15 @@ class _Way:
                     return found
         return None
 
-    def _between(
-        self, a: tuple[float, float, float], b: tuple[float, float, float]
-    ) -> Iterator[tuple[float, float, float]]:
+    def _between(self, a: BasePose, b: BasePose) -> Iterator[BasePose]:
         """The poses between two poses of a path, without the first one."""
-        legs = [(a, b)]
-        length = hypot(b[0] - a[0], b[1] - a[1])
-        if self.is_differential and length > 1e-3:
-            forward = a[2] + _wrapped(atan2(b[1] - a[1], b[0] - a[0]) - a[2])
-            backward = a[2] + _wrapped(forward + pi - a[2])
-            # As the drive does: backward if both headings are nearer to that.
-            is_backward = abs(_wrapped(b[2] - backward)) < pi / 4 and abs(backward - a[2]) < pi / 4
-            heading = backward if is_backward else forward
-            turned, there = (a[0], a[1], heading), (b[0], b[1], heading)
-            legs = [(a, turned), (turned, there), (there, (b[0], b[1], heading + _wrapped(b[2] - heading)))]
-        for start, end in legs:
-            count = max(
-                1, ceil(max(hypot(end[0] - start[0], end[1] - start[1]) / _STEP_M, abs(end[2] - start[2]) / _STEP_RAD))
-            )
-            if start == end:
-                continue
-            for share in np.linspace(0.0, 1.0, count + 1)[1:].tolist():
-                x, y, yaw = (p + share * (q - p) for p, q in zip(start, end, strict=True))
-                yield x, y, yaw
+        ends = differential_path([np.array(a), np.array(b)]) if self.is_differential else [np.array(a), np.array(b)]
+        for start, end in pairwise(ends):
+            x, y, yaw = end - start
+            count = max(1, ceil(max(hypot(x, y) / _STEP_M, abs(yaw) / _STEP_RAD)))
+            yield from map(tuple, np.linspace(start, end, count + 1)[1:].tolist())
 
-    def candidates(self, corners: Array) -> Iterator[list[tuple[float, float, float]]]:
+    def candidates(self, corners: Array) -> Iterator[list[BasePose]]:
         """Paths along corners, with different headings."""
         without_cells = np.vstack([corners[:1], corners[2:-2], corners[-1:]])  # of the ends, which are near cells
         variants = [_distinct(each) for each in (without_cells, corners)]
@@ -328,19 +315,19 @@ class _Way:
                 yield self._path(points, headings)
                 continue
             share = np.cumsum(lengths) / lengths.sum()
-            turn = _wrapped(self.goal[2] - self.start[2])
+            turn = wrapped(self.goal[2] - self.start[2])
             yield self._path(points, self.start[2] + share * turn)
             yield self._path(points, headings)
             yield self._path(points, np.full(len(steps), self.start[2]))
             yield self._path(points, np.full(len(steps), self.goal[2]), turn_first=True)
 
-    def _path(self, points: Array, yaws: Array, *, turn_first: bool = False) -> list[tuple[float, float, float]]:
+    def _path(self, points: Array, yaws: Array, *, turn_first: bool = False) -> list[BasePose]:
         path = [(self.start[0], self.start[1], float(yaws[0]))] if turn_first else []
         before = self.start[2]
         for (x, y), yaw in zip(points[1:].tolist(), yaws.tolist(), strict=True):
-            before += _wrapped(yaw - before)
+            before += wrapped(yaw - before)
             path.append((x, y, before))
-        last = before + _wrapped(self.goal[2] - before)
+        last = before + wrapped(self.goal[2] - before)
         if abs(last - before) > 1e-6:
             path.append((self.goal[0], self.goal[1], last))
         return path
@@ -383,7 +370,7 @@ def _search(way: _Way, limit: SearchLimit, seed: int) -> BasePath | None:
     space.setBounds(bounds)
     setup = ompl.geometric.SimpleSetup(space)
 
-    def pose_of(state: Any) -> tuple[float, float, float]:
+    def pose_of(state: Any) -> BasePose:
         return state.getX(), state.getY(), state.getYaw()
 
     def is_valid(state: Any) -> bool:
@@ -396,7 +383,7 @@ def _search(way: _Way, limit: SearchLimit, seed: int) -> BasePath | None:
         state = space.allocState()
         state.setX(pose[0])
         state.setY(pose[1])
-        state.setYaw(_wrapped(pose[2]))
+        state.setYaw(wrapped(pose[2]))
         ends.append(state)
     setup.setStartAndGoalStates(*ends)
     planner = ompl.geometric.RRTConnect(setup.getSpaceInformation())
@@ -413,17 +400,12 @@ def _search(way: _Way, limit: SearchLimit, seed: int) -> BasePath | None:
     found, before = [], way.start[2]
     for row in range(1, path.getStateCount()):
         x, y, yaw = pose_of(path.getState(row))
-        before += _wrapped(yaw - before)
+        before += wrapped(yaw - before)
         found.append((x, y, before))
-    found[-1] = (way.goal[0], way.goal[1], before + _wrapped(way.goal[2] - before))
+    found[-1] = (way.goal[0], way.goal[1], before + wrapped(way.goal[2] - before))
     return tuple(found) if way.first_obstacle(found) is None else None
 
 
 def _distinct(points: Array) -> Array:
     """Points without those that are equal to the one before."""
     return np.array([points[0], *(b for a, b in pairwise(points) if np.hypot(*(b - a)) > 1e-6)])
-
-
-def _wrapped(angle: float) -> float:
-    """The same angle within -pi and pi."""
-    return (angle + pi) % (2 * pi) - pi

@@ -1,7 +1,7 @@
 """Motions of an arm that avoid collisions, as joint trajectories within the limits of velocity and acceleration.
 
-`plan_arm` finds a path with OMPL (RRT-Connect, then shortcuts), `plan_line` moves the gripper along a straight line,
-and `plan_path` through given poses, such as the arc of a door's handle. All begin where the robot is, unless a start is
+`plan_arm` finds a path with OMPL (RRT-Connect, then shortcuts), and `plan_path` moves the gripper straight from pose to
+pose, such as along the arc of a door's handle. Both begin where the robot is, unless a start is
 given, and see the world as it is when they are called.
 """
 
@@ -10,24 +10,27 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cache
-from math import acos, ceil, cos, pi, radians, sin
+from itertools import pairwise
+from math import ceil, pi
 from typing import Any
 
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError, RobotLibraryError, UnreachableError
 from mindstage.ranges import Count, Finite, Fraction, Length, Point, Positive, Seed, WallTime, checked
-from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, MotionRobot
-from mindstage.robots.drives import planar_inverse, planar_multiply
+from mindstage.robots.arm_paths import follow_poses, interpolated_poses
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker
+from mindstage.robots.floor_poses import BasePose
 from mindstage.robots.models.robot_model import Arm, RobotJointType
 from mindstage.robots.retiming import MotionLimits, resting_path, retimed, rounded_polyline, spline_path
-from mindstage.robots.robot_kinematics import IkResult, IkTolerance, RobotKinematics
+from mindstage.robots.robot import Robot
+from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, PoseLike, as_pose
-from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply, quat_angle
+from mindstage.scene.transforms import Array, normalized_pose_array
 
-__all__ = ["find_arm", "interpolated", "load_ompl", "plan_arm", "plan_line", "plan_path", "termination"]
+__all__ = ["find_arm", "load_ompl", "plan_arm", "plan_path", "termination"]
 
 _STEP = 0.05
 """Distance between two states that are checked [rad]."""
@@ -48,10 +51,8 @@ _SHORTCUT_TESTS = 1500
 """Number of states that are tested for shortcuts after a path was found."""
 _RANGE = 0.8
 """Length of a step of the tree [rad]."""
-_LINE_STEP_M, _LINE_STEP_RAD = 0.01, radians(3.0)
-_JUMP = 0.35
-"""A joint that changes by more between two poses of a line has changed to another solution [rad, or scaled m]."""
-_LINE_TOLERANCE = IkTolerance(position_m=0.002, rotation_rad=radians(1.0))
+_LINE_STEP_M = 0.01
+"""Distance of two poses of a line; where an arm is nearly stretched, its joints move far between them."""
 
 
 @cache
@@ -77,7 +78,7 @@ def load_ompl(seed: int) -> Any:
     return ompl
 
 
-def find_arm(robot: MotionRobot, arm: Arm | str = "") -> Arm:
+def find_arm(robot: Robot, arm: Arm | str = "") -> Arm:
     """The arm of a name; the first one if the name is empty.
 
     Raises:
@@ -113,7 +114,7 @@ class _ArmTask:
 
     def __init__(
         self,
-        robot: MotionRobot,
+        robot: Robot,
         arm: Arm | str,
         *,
         start: Mapping[str, float] | None,
@@ -121,7 +122,7 @@ class _ArmTask:
         touch: Collection[BodyId],
         clearance_m: float,
         speed: float,
-        base: tuple[float, float, float] | None = None,
+        base: BasePose | None = None,
         joints: Mapping[BodyId, float] | None = None,
     ) -> None:
         self.robot, self.arm, self.base = robot, find_arm(robot, arm), base
@@ -136,10 +137,7 @@ class _ArmTask:
         self.lower, self.upper = bounds[:, 0], bounds[:, 1]
         self.start = np.array([self.positions[joint.name] for joint in self.joints])
         self.start = np.clip(self.start, self.lower, self.upper)  # limits are soft in simulations
-        self.root_pose = robot.link_pose(robot.model.root)
-        if base is not None:
-            x, y, yaw = planar_multiply(base, planar_inverse(robot.base_pose()))
-            self.root_pose = pose_multiply(np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)]), self.root_pose)
+        self.root_pose = robot.base_frame().root_at(robot.base_pose() if base is None else base)
         others = {name: at for name, at in (start or {}).items() if name not in self.arm.joints}
         self.others = np.array(list(others.values()))
         """Positions of joints that are not those of the arm, such as fingers, and stay where they are to be."""
@@ -206,7 +204,7 @@ class _ArmTask:
 
 @checked
 def plan_arm(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     target: Mapping[str, Finite] | PoseLike,
     *,
@@ -278,41 +276,8 @@ def plan_arm(
 
 
 @checked
-def plan_line(
-    robot: MotionRobot,
-    arm: Arm | str,
-    target: PoseLike,
-    *,
-    start: Mapping[str, Finite] | None = None,
-    ignore: Collection[BodyId] = (),
-    touch: Collection[BodyId] = (),
-    clearance_m: Length = CLEARANCE_M,
-    speed: Fraction = 0.6,
-    max_velocity: Positive = 0.15,
-) -> JointTrajectory:
-    """Plans a straight motion of a gripper to a pose, with an even rotation.
-
-    Args:
-        arm: its arm, or the name; empty for the first one.
-        target: the pose of the grasp frame at the end, in the world frame.
-        start: positions of joints from which the motion starts; by default where they are.
-        ignore: bodies that are no obstacles.
-        touch: bodies that the gripper may touch.
-        clearance_m: the distance to keep from obstacles [m].
-        speed: the part of the velocity limits of the joints that is used.
-        max_velocity: of the grasp frame [m/s].
-
-    Raises:
-        InvalidArgumentError: there is no such arm.
-        UnreachableError: a pose on the way is beyond a limit or in a collision.
-    """
-    task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
-    return _follow(task, [normalized_pose_array(target)], "", max_velocity)
-
-
-@checked
 def plan_path(
-    robot: MotionRobot,
+    robot: Robot,
     arm: Arm | str,
     poses: Iterable[PoseLike],
     *,
@@ -324,7 +289,7 @@ def plan_path(
     speed: Fraction = 0.6,
     max_velocity: Positive = 0.15,
 ) -> JointTrajectory:
-    """Plans a motion of a gripper through poses, such as those of a handle while its door opens.
+    """Plans a motion of a gripper through poses, such as those of a handle while its door opens, or straight to one.
 
     Args:
         arm: its arm, or the name; empty for the first one.
@@ -341,24 +306,23 @@ def plan_path(
         InvalidArgumentError: there is no such arm, or there are no poses.
         UnreachableError: a pose on the way is beyond a limit or in a collision.
     """
-    rows = [normalized_pose_array(each) for each in poses]
-    if not rows:
+    corners = [normalized_pose_array(each) for each in poses]
+    if not corners:
         raise InvalidArgumentError("poses", cause="there are none", remedy="give at least one")
     task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
-    return _follow(task, rows, free, max_velocity)
-
-
-def interpolated(a: Array, b: Array, share: float) -> Array:
-    """A pose between two others: the position on the line, the rotation on the shorter arc (slerp)."""
-    result = a + share * (b - a)
-    first, second = a[3:], b[3:] if a[3:] @ b[3:] >= 0.0 else -b[3:]
-    angle = acos(min(1.0, float(first @ second)))
-    if angle > 1e-6:
-        weights = np.sin([(1.0 - share) * angle, share * angle]) / np.sin(angle)
-        result[3:] = weights[0] * first + weights[1] * second
-    else:
-        result[3:] = second
-    return np.asarray(result)
+    here = task.kinematics.pose(task.frame, task.positions, root_pose=task.root_pose)
+    line = np.concatenate([interpolated_poses(a, b, step_m=_LINE_STEP_M)[1:] for a, b in pairwise([here, *corners])])
+    found = follow_poses(
+        task.kinematics, task.arm, line, root=task.root_pose, seed=task.positions, free=free, from_seed=True
+    )
+    for pose, values in zip(line, found.positions, strict=False):
+        if (collision := task.collision(values)) is not None:
+            raise task.unreachable(_target_text(pose), f"on the line there, {collision}", collision.obstacle)
+    if not found.is_complete:
+        raise task.unreachable(_target_text(line[found.reached]), f"on the line there, {found.reason}")
+    path = spline_path(np.vstack([task.start, found.positions]), task.scale)
+    speeds = _speed_limits(task, path.positions, path.parameter, max_velocity)
+    return retimed(task.arm.joints, [path], task.limits, speed_limits=[speeds])
 
 
 # -- parts -------------------------------------------------------------------------------------------------------------
@@ -497,56 +461,6 @@ def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
     """A trajectory along straight segments in joint space, with rounded corners."""
     pieces = rounded_polyline(points, task.scale, task.is_free) or [resting_path(points[0])]
     return retimed(task.arm.joints, pieces, task.limits)
-
-
-def _follow(task: _ArmTask, poses: Sequence[Array], free: str, max_velocity: float) -> JointTrajectory:
-    """A trajectory along which the grasp frame moves straight from pose to pose.
-
-    Raises:
-        UnreachableError: a pose on the way is beyond a limit or in a collision.
-    """
-    now = dict(task.positions)
-    here = task.kinematics.pose(task.frame, now, root_pose=task.root_pose)
-    states, places = [task.start], [here[:3]]
-    for target in poses:
-        distance = float(np.linalg.norm(target[:3] - here[:3]))
-        angle = float(quat_angle(here[3:], target[3:]))
-        count = max(1, ceil(max(distance / _LINE_STEP_M, angle / _LINE_STEP_RAD)))
-        for share in np.linspace(0.0, 1.0, count + 1)[1:]:
-            pose = interpolated(here, target, float(share))
-            values = _next_state(task, pose, states[-1], now, free)
-            states.append(values)
-            places.append(pose[:3])
-            now.update(zip(task.arm.joints, values.tolist(), strict=True))
-        here = target
-    path = spline_path(np.array(states), task.scale)
-    speeds = _speed_limits(task, path.positions, path.parameter, max_velocity)
-    return retimed(task.arm.joints, [path], task.limits, speed_limits=[speeds])
-
-
-def _next_state(task: _ArmTask, pose: Array, before: Array, now: Mapping[str, float], free: str) -> Array:
-    """The state in which the grasp frame has a pose, near the state before."""
-    text = _target_text(pose)
-    result: IkResult = task.kinematics.solve_ik(
-        task.frame,
-        pose,
-        joints=task.arm.joints,
-        seed=now,
-        root_pose=task.root_pose,
-        free=free,
-        tolerance=_LINE_TOLERANCE,
-        attempts=1,
-    )
-    if not result.reached:
-        raise task.unreachable(text, f"on the line there, {result.reason}")
-    values = np.array([result.positions[name] for name in task.arm.joints])
-    jump = np.abs(values - before) / task.scale
-    if jump.max() > _JUMP:
-        joint = task.arm.joints[int(jump.argmax())]
-        raise task.unreachable(text, f"{joint} would have to jump by {np.abs(values - before)[jump.argmax()]:.2g}")
-    if (collision := task.collision(values)) is not None:
-        raise task.unreachable(text, f"on the line there, {collision}", collision.obstacle)
-    return values
 
 
 def _speed_limits(task: _ArmTask, positions: Array, parameter: Array, max_velocity: float) -> Array:

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import time
 import uuid
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -27,78 +27,24 @@ from mindstage.errors import BodyNotFoundError, CommandRefusedError, RobotNotFou
 from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, Seed, checked
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
-from mindstage.robots.drives import planar_inverse, planar_multiply, yaw_of
+from mindstage.robots.floor_poses import BaseFrame, BasePose, base_pose_of, planar_inverse, planar_multiply
 from mindstage.robots.models.robot_model import Gripper, RobotModel
 from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
-from mindstage.simulation.controllers import ControllerSchedule, SimulatedRobot
+from mindstage.simulation.controllers import ControllerSchedule
 from mindstage.simulation.observation import SKILL_EDIT
-from mindstage.simulation.state import EngineSession, poses_in
+from mindstage.simulation.simulation import Simulation
+from mindstage.simulation.state import poses_in
 
-__all__ = ["JointState", "Odometry", "Robot", "RobotSession", "contact_free_pairs"]
+__all__ = ["JointState", "Odometry", "Robot", "contact_free_pairs"]
 
 T = TypeVar("T")
 
 _WAIT_S = 0.02
 """Simulated time between two checks of a goal [s]."""
-
-
-class ReportFunction(Protocol):
-    """Reports an edit or a request to observers, by default of the client of this thread."""
-
-    def __call__(
-        self,
-        kind: str,
-        *,
-        ids: Iterable[BodyId] = (),
-        details: Mapping[str, Any] | None = None,
-        client: str | None = None,
-    ) -> None:
-        """See `simulation.observation.Observers.report`."""
-
-
-class RobotSession(EngineSession, Protocol):
-    """The part of `Simulation` that robots use."""
-
-    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
-        """All answers to a question about the current state."""
-
-    @property
-    def report(self) -> ReportFunction:
-        """Reports an edit or a request to observers."""
-
-    @property
-    def robots(self) -> Mapping[str, SimulatedRobot]:
-        """The robots by name, except those whose bodies were deleted."""
-
-    @property
-    def former_robots(self) -> Mapping[str, SimulatedRobot]:
-        """The robots that were removed, by name."""
-
-    def keep_robot(self, robot: SimulatedRobot) -> None:
-        """Keeps a robot that an edit has added; called in the engine thread."""
-
-    def drop_robot(self, name: str) -> None:
-        """Ends a robot that an edit has removed; called in the engine thread."""
-
-
-class SkillStarter(Protocol):
-    """Starts a skill, as `robots.skills.start_skill`, which imports this module."""
-
-    def __call__(
-        self,
-        robot: Robot,
-        name: str,
-        args: Mapping[str, object],
-        *,
-        deadline_s: float,
-        seed: int,
-        on_step: Callable[[SkillStep], object] | None,
-    ) -> Generator[float, None, SkillResult]:
-        """See `robots.skills.start_skill`."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -136,10 +82,10 @@ class Robot:
         placed: RobotWorld,
         *,
         edit: Any,
-        session: RobotSession,
+        session: Simulation,
         controller: RobotController,
         report: SpawnReport,
-        start_skill: SkillStarter,
+        start_skill: Callable[..., Generator[float, None, SkillResult]],
     ) -> None:
         """Made by the edit `AddRobot`.
 
@@ -150,6 +96,8 @@ class Robot:
             edit: the `AddRobot` that has added it.
             session: the simulation.
             controller: what commands its actuators.
+            report: of the spawn of its bodies.
+            start_skill: starts a skill, as `robots.skills.start_skill`, whose module imports this one.
         """
         self.name = name
         self.model = model
@@ -201,7 +149,7 @@ class Robot:
     def actuated_bodies(self) -> ActuatedBodies:
         """Its actuators as a file has them, with commands relative to its present poses; see `Simulation.save`."""
         drives, placed = self.controller.drives, self._placed
-        states = self.session.run_on_engine(_actuator_states, label="actuators")
+        states = self.session.engine.run(_actuator_states, label="actuators")
         commands = {
             each.name: states[each.name].command
             - (states[each.name].position if each.mode is ActuatorMode.POSITION else 0.0)
@@ -226,7 +174,7 @@ class Robot:
 
     def joint_states(self) -> dict[str, JointState]:
         """The state of each joint that moves, in the order of the model."""
-        return self.session.run_on_engine(self.read_joint_states, label="joint states")
+        return self.session.engine.run(self.read_joint_states, label="joint states")
 
     def read_joint_states(self, engine: Engine) -> dict[str, JointState]:
         """The same for callers in the engine thread."""
@@ -275,10 +223,13 @@ class Robot:
             raise RobotNotFoundError(self.name, remedy="its bodies were deleted; add it again")
         return poses[id]
 
-    def base_pose(self) -> tuple[float, float, float]:
+    def base_pose(self) -> BasePose:
         """The pose of the base link on the floor, in the world frame: x, y [m], yaw [rad]."""
-        pose = self.link_pose(self.model.base.link)
-        return float(pose[0]), float(pose[1]), yaw_of(pose[3:])
+        return base_pose_of(self.link_pose(self.model.base.link))
+
+    def base_frame(self) -> BaseFrame:
+        """Where its root link is for a pose of its base."""
+        return BaseFrame(self.base_pose(), self.link_pose(self.model.root))
 
     def grasp_pose(self, gripper: str = "") -> Array:
         """The grasp frame of a gripper in the world frame; by default of the only gripper."""
@@ -309,7 +260,7 @@ class Robot:
     def held(self) -> Mapping[str, BodyId]:
         """What each gripper holds: a body that is attached to it, or that two of its fingers touch."""
         drives = self.controller.drives
-        return self.session.run_on_engine(lambda engine: held_bodies(engine, drives), label="held bodies")
+        return self.session.engine.run(lambda engine: held_bodies(engine, drives), label="held bodies")
 
     def odometry(self) -> Odometry:
         """The motion of the base since the robot was added; zero for a fixed one."""
@@ -324,7 +275,7 @@ class Robot:
             rows = [states[name] for name in base.actuators]
             return np.array([each.position for each in rows]), np.array([each.velocity for each in rows])
 
-        coordinates, (vx, vy, wz) = self.session.run_on_engine(read, label="odometry")
+        coordinates, (vx, vy, wz) = self.session.engine.run(read, label="odometry")
         start = base.world_from_joint(np.zeros(3))
         x, y, yaw = planar_multiply(planar_inverse(start), base.world_from_joint(coordinates))
         # The origin of the base link moves along when the joint turns at a distance.
@@ -344,7 +295,7 @@ class Robot:
         Raises:
             CommandRefusedError: the base is fixed.
         """
-        self.session.run_on_engine(
+        self.session.engine.run(
             lambda engine: self.controller.set_base_pose(engine, (x, y, yaw)), label="set base pose", edits=True
         )
 
@@ -477,7 +428,7 @@ class Robot:
 
     def stop(self) -> None:
         """Ends all motions; the joints hold their positions."""
-        self.session.run_on_engine(lambda _: self.controller.stop(), label="stop robot")
+        self.session.engine.run(lambda _: self.controller.stop(), label="stop robot")
 
     def halt(self) -> None:
         """Ends all motions at once, without a ramp: for what has been pressed into something."""
@@ -602,18 +553,18 @@ class Robot:
             self.session.step(left_s)
 
     def _start(self, start: Callable[[Engine], MotionGoal], label: str) -> MotionGoal:
-        goal = self.session.run_on_engine(start, label=label)
+        goal = self.session.engine.run(start, label=label)
         if goal is not self._last_goal:  # a velocity is commanded again and again
             self._last_goal = goal
             details = {"robot": self.name, "motion": goal.kind, **goal.command_details()}
-            self.session.report("command", ids=(self._root,), details=details)
+            self.session.observers.report("command", ids=(self._root,), details=details)
         return goal
 
     def _report_end(self, goal: MotionGoal) -> None:
         """Reports the end of a motion to observers; called in the engine thread."""
         if goal.result is not None:
             details = {"robot": self.name, "motion": goal.kind, **msgspec.to_builtins(goal.result)}
-            self.session.report("motion", ids=(self._root,), details=details, client=self.name)
+            self.session.observers.report("motion", ids=(self._root,), details=details, client=self.name)
 
     @contextmanager
     def performing(self, skill: str, args: Mapping[str, object]) -> Iterator[Callable[[str, str], None]]:
@@ -635,12 +586,12 @@ class Robot:
             end.update(outcome=outcome, reason=reason)
 
         ids = (*things, self._root)
-        self.session.report(SKILL_EDIT, ids=ids, details=details, client=self.name)
+        self.session.observers.report(SKILL_EDIT, ids=ids, details=details, client=self.name)
         try:
             yield finish
         finally:
             result = end or {"outcome": MotionOutcome.CANCELED.value, "reason": ""}
-            self.session.report(SKILL_EDIT, ids=ids, details=details | result, client=self.name)
+            self.session.observers.report(SKILL_EDIT, ids=ids, details=details | result, client=self.name)
 
     # -- copies --------------------------------------------------------------------------------------------
 
@@ -653,7 +604,7 @@ class Robot:
         """Deletes it with its bodies."""
         self.session.edits.apply(self.edit.removal(self.session.state.ids))
 
-    def in_copy(self, session: RobotSession, controllers: ControllerSchedule) -> Robot:
+    def in_copy(self, session: Simulation, controllers: ControllerSchedule) -> Robot:
         """The same robot in a copy of its simulation.
 
         Args:
@@ -662,8 +613,8 @@ class Robot:
         """
         controller = controllers.controllers[self.controller_name]
         assert isinstance(controller, RobotController)
-        if Capability.ACTUATORS in session.capabilities:  # an engine that was not forked has no actuators yet
-            session.run_on_engine(controller.connect, label="connect robot")
+        if Capability.ACTUATORS in session.engine.capabilities:  # an engine that was not forked has no actuators yet
+            session.engine.run(controller.connect, label="connect robot")
         return Robot(
             self.name,
             self.model,

@@ -10,10 +10,11 @@ from mindstage.ranges import Coordinate, checked
 from mindstage.robots.edits import add_robot
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import RobotModel
-from mindstage.robots.robot import Robot, RobotSession
+from mindstage.robots.robot import Robot
 from mindstage.scene import Pose
 from mindstage.scene.floor_plan import find_floor, free_floor_place
 from mindstage.scene.proximity import BodyBoxes
+from mindstage.simulation.simulation import Simulation
 
 __all__ = ["add_standing_robot"]
 
@@ -25,7 +26,7 @@ _FIXED_RADIUS_M = 0.3
 
 @checked
 def add_standing_robot(
-    session: RobotSession,
+    session: Simulation,
     source: str | os.PathLike[str] | RobotModel,
     place: tuple[Coordinate, Coordinate, Coordinate] | None = None,
     *,

@@ -14,11 +14,11 @@ import numpy as np
 from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
 from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
-from mindstage.robots.robot import RobotSession
 from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry
 from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
+from mindstage.simulation.simulation import Simulation
 
 __all__ = ["ArticulatedPart", "Surroundings"]
 
@@ -52,7 +52,7 @@ class ArticulatedPart(msgspec.Struct, frozen=True, eq=False, kw_only=True):
 class Surroundings:
     """Answers about the things of a running world; a new one is made after bodies were added or removed."""
 
-    def __init__(self, session: RobotSession, *, ignored: Collection[BodyId] = ()) -> None:
+    def __init__(self, session: Simulation, *, ignored: Collection[BodyId] = ()) -> None:
         """Takes a snapshot of the world.
 
         Args:

@@ -123,7 +123,7 @@ class DiagnosticsPublisher:
         self._publish([_status(diagnostic_msgs.Level.ERROR, operation, str(error), "", {"code": error.code})])
 
     def report_late_end(self, call: str, error: BaseException | None) -> None:
-        """Publishes the end of a call that was answered before it; see `Simulation.on_late_end`."""
+        """Publishes the end of a call that was answered before it; see `EngineAccess.on_late_end`."""
         level = diagnostic_msgs.Level.OK if error is None else diagnostic_msgs.Level.ERROR
         text = "it has ended" if error is None else f"it has failed: {error}"
         self._publish([_status(level, call, text, "", {"code": "LateEnd"})])
@@ -180,7 +180,7 @@ def health_status(
         "expected_rebuild_s": f"{snapshot.expected_rebuild_s:.3f}",
         "answered_in_s": "" if response_time_s is None else f"{response_time_s:.6f}",
     }
-    status = _status(level, f"engine {simulation.engine_name}", text, "", values)
+    status = _status(level, f"engine {simulation.engine.name}", text, "", values)
     return diagnostic_msgs.DiagnosticArray(
         header=std_msgs.Header(stamp=builtin_interfaces.Time.at(snapshot.time_s)), status=(status,)
     )

@@ -103,7 +103,7 @@ class CheckpointServices:
         self._require_save_support()
         if len(self._states) >= CHECKPOINTS.count and name not in self._states:
             raise EngineError(f"{CHECKPOINTS.count} states are saved already; forget one first")
-        self._states[name] = self._simulation.run_on_engine(lambda engine: engine.save_state(), label="save")
+        self._states[name] = self._simulation.engine.run(lambda engine: engine.save_state(), label="save")
         return name
 
     def restore(self, name: str) -> str:
@@ -112,7 +112,7 @@ class CheckpointServices:
         state = self._states.get(name)
         if state is None:
             return f"no saved state {name!r}; there is {', '.join(sorted(self._states)) or 'none'}"
-        self._simulation.run_on_engine(lambda engine: engine.restore_state(state), label="restore", edits=True)
+        self._simulation.engine.run(lambda engine: engine.restore_state(state), label="restore", edits=True)
         return ""
 
     def discard(self, name: str) -> None:
@@ -120,8 +120,8 @@ class CheckpointServices:
         self._states.pop(name, None)
 
     def _require_save_support(self) -> None:
-        if Capability.SAVE not in self._simulation.capabilities:
-            raise EngineError(f"the engine {self._simulation.engine_name!r} cannot save its state")
+        if Capability.SAVE not in self._simulation.engine.capabilities:
+            raise EngineError(f"the engine {self._simulation.engine.name!r} cannot save its state")
 
 
 class RecordingServices:
@@ -211,11 +211,11 @@ class EngineServices:
 
     def describe(self, _: wire.Describe.Request) -> wire.Describe.Response:
         """Returns what the engine is; the engine itself is called, so that a response means that it responds."""
-        self._simulation.ping()
+        self._simulation.engine.ping()
         return wire.Describe.Response(
-            engine=self._simulation.engine_name,
+            engine=self._simulation.engine.name,
             abilities=tuple(
-                sorted(capability.value for capability in self._simulation.capabilities & _REMOTE_CAPABILITIES)
+                sorted(capability.value for capability in self._simulation.engine.capabilities & _REMOTE_CAPABILITIES)
             ),
             time_s=self._simulation.state.time_s,
             format_version=FORMAT_VERSION,
@@ -302,7 +302,7 @@ class EngineServices:
     def apply_force(self, request: wire.Push.Request) -> wire.Push.Response:
         """Applies a force throughout the next step."""
         force, point = vector_from_message(request.force), _force_point(request)
-        self._simulation.run_on_engine(
+        self._simulation.engine.run(
             lambda engine: engine.apply_force(BodyId(request.id), force, point), label="apply force"
         )
         return wire.Push.Response(success=True)
@@ -326,7 +326,7 @@ class EngineServices:
         timeout_s = self._simulation.timeout_s * (1.0 + 6.0 * left_s)
         is_first = True
         while is_first or left_s > 0.0:
-            left_s = self._simulation.run_on_engine(step, label="step", timeout_s=timeout_s)
+            left_s = self._simulation.engine.run(step, label="step", timeout_s=timeout_s)
             is_first = False
         snapshot = self._simulation.state
         response = wire.Step.Response(success=True, time_s=snapshot.time_s)
@@ -338,7 +338,7 @@ class EngineServices:
         before = snapshot.speed if snapshot.playing else 0.0
         if SPEED.check(request.speed):
             self._simulation.play(speed=request.speed)
-            self._simulation.ping()  # so that the snapshot has the new speed before the response
+            self._simulation.engine.ping()  # so that the snapshot has the new speed before the response
         else:
             self._simulation.pause()
         return wire.SetSpeed.Response(success=True, before=before)
@@ -355,9 +355,9 @@ class EngineServices:
 
     def joint_positions(self, _: wire.GetJointPositions.Request) -> wire.GetJointPositions.Response:
         """Returns the displacements of all joints."""
-        if Capability.JOINTS not in self._simulation.capabilities:
-            raise EngineError(f"the engine {self._simulation.engine_name!r} has no joint positions")
-        positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
+        if Capability.JOINTS not in self._simulation.engine.capabilities:
+            raise EngineError(f"the engine {self._simulation.engine.name!r} has no joint positions")
+        positions = self._simulation.engine.run(lambda engine: engine.joint_positions(), label="joint positions")
         return wire.GetJointPositions.Response(
             success=True, joints=tuple(_joint_message(id, numbers) for id, numbers in positions.items())
         )
@@ -376,14 +376,14 @@ class EngineServices:
         """Sets the commands of actuators."""
         try:
             commands = dict(zip(request.names, request.commands, strict=True))
-            self._simulation.run_on_engine(lambda engine: engine.set_commands(commands), label="set commands")
+            self._simulation.engine.run(lambda engine: engine.set_commands(commands), label="set commands")
         except (KeyError, ValueError) as error:
             return wire.SetCommands.Response(success=False, refusal=wire.Refusal(text=str(error.args[0])))
         return wire.SetCommands.Response(success=True)
 
     def actuator_states(self, _: wire.GetActuatorStates.Request) -> wire.GetActuatorStates.Response:
         """Returns the state of each actuator."""
-        states = self._simulation.run_on_engine(lambda engine: engine.actuator_states(), label="actuator states")
+        states = self._simulation.engine.run(lambda engine: engine.actuator_states(), label="actuator states")
         return wire.GetActuatorStates.Response(
             success=True,
             actuators=tuple(

@@ -334,10 +334,10 @@ class StatePublisher:
         if snapshot.highlight_groups is not self._last_highlights:
             self._last_highlights = snapshot.highlight_groups
             self._highlights.publish(highlight_groups(snapshot))
-        if self._simulation.engine_error is not self._last_error:
-            self._last_error = self._simulation.engine_error
+        if self._simulation.engine.error is not self._last_error:
+            self._last_error = self._simulation.engine.error
             self._health.publish(
-                health_status(self._simulation, response_time_s=None, error=self._simulation.engine_error)
+                health_status(self._simulation, response_time_s=None, error=self._simulation.engine.error)
             )
         self._extra_tick()
 
@@ -372,8 +372,8 @@ class StatePublisher:
             self._tf.publish_encoded(tf_message(moving, time_s=snapshot.time_s, ros=self._ros))
 
     def _publish_joint_states(self, snapshot: StateSnapshot) -> None:
-        if self._joints.has_subscribers and Capability.JOINTS in self._simulation.capabilities:
-            positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
+        if self._joints.has_subscribers and Capability.JOINTS in self._simulation.engine.capabilities:
+            positions = self._simulation.engine.run(lambda engine: engine.joint_positions(), label="joint positions")
             of_robots = frozenset[str]().union(*self._state_reader.robot_joints().values())
             joints = [joint for joint in self._state_reader.world().joints if joint.id not in of_robots]
             self._joints.publish(joint_state_message(snapshot, joints, positions))
@@ -388,12 +388,12 @@ class StatePublisher:
         ping_error: MindstageError | None = None
         response_time_s = None
         try:
-            response_time_s = self._simulation.ping(timeout_s=_PING_INTERVAL_S)
+            response_time_s = self._simulation.engine.ping(timeout_s=_PING_INTERVAL_S)
         except SimulationTimeoutError as error:
-            ping_error = self._simulation.engine_error or error
+            ping_error = self._simulation.engine.error or error
         except MindstageError as error:
             ping_error = error
-        self._last_error = self._simulation.engine_error
+        self._last_error = self._simulation.engine.error
         self._health.publish(health_status(self._simulation, response_time_s=response_time_s, error=ping_error))
 
 

@@ -25,7 +25,7 @@ from mindstage.msgs import (
     std_msgs,
 )
 from mindstage.robots.control import MotionFailure, MotionGoal, MotionResult
-from mindstage.robots.drives import yaw_of
+from mindstage.robots.floor_poses import base_pose_of
 from mindstage.robots.models.robot_model import BaseType
 from mindstage.robots.robot import Robot
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
@@ -197,7 +197,7 @@ class RobotBaseInterface:
             frame = frame_in_namespace(self._namespace, frame)
         pose = self._state_reader.to_world_frame(pose_from_message(message.pose), frame)
         row = normalized_pose_array(pose)
-        return float(row[0]), float(row[1]), yaw_of(row[3:])
+        return base_pose_of(row)
 
     def _progress(self, motion: MotionGoal, goal: geometry_msgs.PoseStamped) -> tuple[float, float]:
         """Returns the time since the start of a motion [s], and the distance to its goal [m]."""

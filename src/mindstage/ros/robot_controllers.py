@@ -443,7 +443,7 @@ class RobotControllers:
         def read(engine: Engine) -> Mapping[str, ActuatorState]:
             return engine.actuator_states() if Capability.ACTUATORS in engine.capabilities else {}
 
-        states = self._robot.session.run_on_engine(read, label="controller states")
+        states = self._robot.session.engine.run(read, label="controller states")
         header = std_msgs.Header(stamp=builtin_interfaces.Time.at(snapshot.time_s))
         for spec, publisher in wanted:
             rows = [(drives[name], states.get(drives[name].actuator)) for name in spec.joints if name in drives]

@@ -580,7 +580,7 @@ class SpawnServices:
 
     def get_features(self, _: wire.GetSimulatorFeatures.Request) -> wire.GetSimulatorFeatures.Response:
         """Returns the supported features."""
-        info = {"engine": self._simulation.engine_name, "step_s": self._step_s}
+        info = {"engine": self._simulation.engine.name, "step_s": self._step_s}
         features = wire.SimulatorFeatures(
             features=tuple(feature for feature in wire.Feature if feature not in _UNSUPPORTED_FEATURES),
             spawn_formats=tuple(FORMATS.values()),

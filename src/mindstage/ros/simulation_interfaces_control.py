@@ -196,8 +196,8 @@ class SimulationControlServices:
 
     def get_state(self, _: wire.GetSimulationState.Request) -> wire.GetSimulationState.Response:
         """Returns the state of the simulation."""
-        if self._simulation.engine_error is not None:
-            raise self._simulation.engine_error
+        if self._simulation.engine.error is not None:
+            raise self._simulation.engine.error
         return wire.GetSimulationState.Response(state=wire.SimulationState(state=self.state()), result=OK)
 
     def mark_stopped(self) -> None:
@@ -236,7 +236,7 @@ class SimulationControlServices:
             case _:
                 self._simulation.pause()
                 if has_world:
-                    self._simulation.reset_to_start()
+                    self._simulation.reset(to_start=True)
                 self.mark_stopped()
         if target is wire.StateCode.STATE_QUITTING and self._on_quit is not None:
             self._on_quit()
@@ -258,7 +258,7 @@ class SimulationControlServices:
         if scope == wire.ResetScope.SCOPE_TIME or not scope & _KNOWN_SCOPES:
             raise unsupported("time cannot be reset without the state; use SCOPE_STATE, SCOPE_SPAWNED or SCOPE_ALL")
         if scope & wire.ResetScope.SCOPE_STATE:
-            self._simulation.reset_to_start(keep_spawned=not scope & wire.ResetScope.SCOPE_SPAWNED)
+            self._simulation.reset(to_start=True, keep_spawned=not scope & wire.ResetScope.SCOPE_SPAWNED)
         elif scope & wire.ResetScope.SCOPE_TIME:
             raise unsupported("time cannot be reset without the state; add SCOPE_STATE")
         else:

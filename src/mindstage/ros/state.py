@@ -101,8 +101,8 @@ class StateReader:
         Raises:
             EngineError: the engine has failed, and its state is unknown.
         """
-        if self.simulation.engine_error is not None:
-            raise self.simulation.engine_error
+        if self.simulation.engine.error is not None:
+            raise self.simulation.engine.error
         return self.simulation.state
 
     def robot_bases(self) -> frozenset[BodyId]:

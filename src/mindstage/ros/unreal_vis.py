@@ -102,7 +102,7 @@ class UnrealVisServices:
 
     def remove_marker(self, request: wire.RemoveMarker.Request) -> wire.RemoveMarker.Response:
         """Removes a marker."""
-        removed = bool(self._simulation.remove_markers([request.marker_id]))
+        removed = bool(self._simulation.markers.remove([request.marker_id]))
         if not removed:
             existing = ", ".join(marker.id for marker in self._simulation.state.markers[:10]) or "none"
             self._diagnostics.report_failures(
@@ -151,10 +151,10 @@ class UnrealVisServices:
             raise WorldError(f"{MARKERS.count} markers exist already; remove some first")
         if len(self._from_messages) > 2 * MARKERS.count:  # most have expired
             self._from_messages.intersection_update(each.id for each in markers)
-        self._simulation.add_markers([marker], lifetime_s=lifetime_s)
+        self._simulation.markers.add([marker], lifetime_s=lifetime_s)
 
     def _remove_markers(self, ids: list[str]) -> None:
-        self._simulation.remove_markers(ids)
+        self._simulation.markers.remove(ids)
         self._from_messages.difference_update(ids)
 
     def _free_id(self, stem: str) -> str:

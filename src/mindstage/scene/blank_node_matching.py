@@ -13,7 +13,7 @@ Two statements have the same canonical id if they are equal: numbers of one data
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
+from collections import ChainMap, Counter, defaultdict
 from collections.abc import Hashable, Iterable, Iterator, Mapping
 from typing import TypeVar
 
@@ -251,6 +251,8 @@ class _BlankNodeIndex:
         """The statements about a label."""
         self.statements_mentioning: dict[str, list[tuple[str, PropertyAssertion]]] = defaultdict(list)
         """The subjects and statements that mention a label."""
+        self.with_several_labels: set[int] = set()
+        """The identities of the statements that mention more than one label."""
         self.labels_at: dict[MentionSite, set[str]] = defaultdict(set)
         self.mentions_by_owner: dict[str, list[MentionSite]] = defaultdict(list)
         """The sites at which a subject mentions labels."""
@@ -263,7 +265,10 @@ class _BlankNodeIndex:
                 value = fact.value
                 if not isinstance(value, BlankNode) and not (isinstance(value, IriRef) and is_blank_node(value.iri)):
                     continue
-                for label in _blank_nodes_in(fact):
+                inside = list(_blank_nodes_in(fact))
+                if len({*inside}) > 1:
+                    self.with_several_labels.add(id(fact))
+                for label in inside:
                     mentioned.add(label)
                     self.statements_mentioning[label].append((owner, fact))
                     self.labels_at[owner, fact.property].add(label)
@@ -356,17 +361,20 @@ class _BlankNodeMatcher:
     def _refine_colors(
         self, labels: _BlankNodeIndex, colors: Mapping[str, str], names: Mapping[str, str], table: dict[object, str]
     ) -> dict[str, str]:
-        numbers: dict[int, int] = {}
+        numbers: dict[tuple[int, str], int] = {}
 
-        def number(fact: PropertyAssertion) -> int:
-            if id(fact) not in numbers:
-                numbers[id(fact)] = self.canonicalizer.canonical_id(fact, names)
-            return numbers[id(fact)]
+        def number(fact: PropertyAssertion, label: str) -> int:
+            # Of several labels in one statement, each has its own place, so this one gets a name of its own.
+            place = label if id(fact) in labels.with_several_labels else ""
+            if (id(fact), place) not in numbers:
+                own = ChainMap({place: "this"}, names) if place else names  # type: ignore[arg-type]
+                numbers[id(fact), place] = self.canonicalizer.canonical_id(fact, own)
+            return numbers[id(fact), place]
 
         def color(label: str) -> str:
-            about = sorted(number(fact) for fact in labels.statements_about[label])
+            about = sorted(number(fact, label) for fact in labels.statements_about[label])
             mentions = labels.statements_mentioning[label]
-            around = sorted((owner == label, names.get(owner, owner), number(fact)) for owner, fact in mentions)
+            around = sorted((owner == label, names.get(owner, owner), number(fact, label)) for owner, fact in mentions)
             return table.setdefault((colors[label], *about, *around), f"color {len(table)}")
 
         paired = self.reverse_names if labels is self.a else self.names

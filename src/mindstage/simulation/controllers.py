@@ -6,7 +6,7 @@ are copied with it. While none is active, stepping costs the same as without con
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from traceback import format_exception_only
 from typing import Any, Protocol
 
@@ -16,7 +16,7 @@ from mindstage.engines.base import Engine
 from mindstage.errors import EngineError, SimulationFaultError
 from mindstage.scene import BodyId
 
-__all__ = ["EARLY_S", "Controller", "ControllerSchedule", "SimulatedRobot", "fault_error"]
+__all__ = ["EARLY_S", "Controller", "ControllerSchedule", "SimulatedRobot", "SimulatedRobots", "fault_error"]
 
 EARLY_S = 1e-9
 """A time that is so little before that of an update counts as equal [s]."""
@@ -175,6 +175,54 @@ class SimulatedRobot(Protocol):
 
     def in_copy(self, session: Any, controllers: ControllerSchedule) -> SimulatedRobot:
         """The same robot in a copy of its simulation."""
+
+
+class SimulatedRobots(Mapping[str, SimulatedRobot]):
+    """The robots of a simulation by name, except those whose bodies were deleted; see `mindstage.robots.robots_of`."""
+
+    def __init__(self, controllers: ControllerSchedule, robots: Mapping[str, SimulatedRobot] | None = None) -> None:
+        """Lists robots.
+
+        Args:
+            controllers: the schedule of the simulation, which has their controllers.
+            robots: by name; by default none.
+        """
+        self._controllers = controllers
+        self._robots: Mapping[str, SimulatedRobot] = robots or {}
+        self._former: dict[str, SimulatedRobot] = {}
+
+    def __getitem__(self, name: str) -> SimulatedRobot:
+        robot = self._robots[name]
+        if not robot.exists:
+            raise KeyError(name)
+        return robot
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name, robot in self._robots.items() if robot.exists)
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+    def keep(self, robot: SimulatedRobot) -> None:
+        """Adds a robot that an edit has spawned; called in the engine thread."""
+        self._former.pop(robot.name, None)
+        self._controllers.add(robot.controller_name, robot.controller)
+        self._robots = {**self._robots, robot.name: robot}
+
+    def drop(self, name: str) -> None:
+        """Ends a robot that an edit has deleted; called in the engine thread."""
+        robot = self._robots[name]
+        self._controllers.remove(robot.controller_name, robot.controller)
+        self._robots = {key: each for key, each in self._robots.items() if each is not robot}
+        self._former[name] = robot
+
+    def former(self, name: str) -> SimulatedRobot | None:
+        """The robot of that name that was dropped; undoing that keeps it again."""
+        return self._former.get(name)
+
+    def forget_former(self) -> None:
+        """Ends that, when nothing can be undone any more."""
+        self._former.clear()
 
 
 def fault_error(source: str, error: BaseException, *, remedy: str) -> SimulationFaultError:

@@ -19,11 +19,13 @@ from functools import partial
 from queue import Empty, SimpleQueue
 from typing import Any, Generic, TypeVar
 
-from mindstage.engines.base import RebuildTime
-from mindstage.errors import SimulationThreadError, SimulationTimeoutError
+from mindstage.access.limits import Timeout
+from mindstage.engines.base import Capability, Engine, RebuildTime, SpawnNote
+from mindstage.errors import EngineError, SimulationThreadError, SimulationTimeoutError
+from mindstage.ranges import checked
 from mindstage.simulation.controllers import fault_error
 
-__all__ = ["DirectCalls", "EngineThread", "RealTimeClock", "TickDelay"]
+__all__ = ["DirectCalls", "EngineAccess", "EngineThread", "LateEndCallbacks", "RealTimeClock", "TickDelay"]
 
 
 _MAX_LAG_S = 0.25
@@ -162,6 +164,79 @@ class LateEndCallbacks:
                 self._callbacks = tuple(each for each in self._callbacks if each is not callback)
         if raised is not None:
             raise fault_error("a callback of late ends", raised, remedy="it was removed") from raised
+
+
+class EngineAccess:
+    """The engine of a simulation, used from any thread: `sim.engine.run(lambda engine: engine.contacts())`."""
+
+    def __init__(
+        self, engine: Callable[[], Engine], run: Callable[..., Any], late_ends: LateEndCallbacks | None = None
+    ) -> None:
+        """Creates the access.
+
+        Args:
+            engine: returns the engine.
+            run: runs a function in its thread, with the keyword arguments of `run`.
+            late_ends: what is called at the ends of calls that were reported as begun.
+        """
+        self._engine, self._run, self._late_ends = engine, run, late_ends or LateEndCallbacks()
+        self.error: EngineError | None = None
+        """The error of the last access to the engine's state; None if it succeeded."""
+
+    @property
+    def name(self) -> str:
+        """The name of the engine."""
+        return self._engine().name
+
+    @property
+    def capabilities(self) -> frozenset[Capability]:
+        """The optional capabilities of the engine."""
+        return self._engine().capabilities
+
+    @property
+    def notes(self) -> tuple[SpawnNote, ...]:
+        """Decisions and warnings of the engine that are in no report, since edits or the physics caused them."""
+        return self.run(lambda engine: engine.notes, label="notes")
+
+    @checked
+    def ping(self, *, timeout_s: Timeout | None = None) -> float:
+        """Calls the engine, and returns the round-trip time [s]; raises what `run` raises."""
+        start = time.perf_counter()
+        self.run(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
+        return time.perf_counter() - start
+
+    @checked
+    def run(
+        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: Timeout | None = None, edits: bool = False
+    ) -> T:
+        """Runs a function in the engine thread: `sim.engine.run(lambda engine: engine.save_state())`.
+
+        Args:
+            function: called with the engine, to which it must not keep a reference.
+            label: the name of the call in errors.
+            timeout_s: by default that of the simulation [s].
+            edits: whether bodies, materials or highlights may change; increments `StateSnapshot.revision`.
+
+        Raises:
+            SimulationTimeoutError: the call did not begin in time and never will; or, with `begun`, it did not end in
+                time: then its end is reported to the callbacks of `on_late_end`.
+            SimulationFaultError: something raised while the simulation played; nothing was executed.
+            SimulationError: the simulation is closed.
+        """
+        name = label or getattr(function, "__name__", "the call")
+        result: T = self._run(function, label=name, timeout_s=timeout_s, edits=edits)
+        return result
+
+    def on_late_end(self, callback: Callable[[str, BaseException | None], None]) -> Callable[[], None]:
+        """Registers a callback for the ends of calls that were reported as begun, but not ended in time.
+
+        Args:
+            callback: called in the engine thread with the label of the call, and its error or None; must not block.
+
+        Returns:
+            A function that removes the callback.
+        """
+        return self._late_ends.add(callback)
 
 
 class _Call(Generic[T]):

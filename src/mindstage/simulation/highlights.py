@@ -85,19 +85,24 @@ class Marker(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MarkerStore:
-    """The markers of a simulation, some with a lifetime; used in the engine thread only."""
+    """The markers of a simulation, some with a lifetime."""
 
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        run: Callable[[Callable[[], Any], str], Any] = lambda function, _: function(),
+        now: Callable[[], float] = time.monotonic,
+    ) -> None:
         """Creates an empty store.
 
         Args:
+            run: runs a function in the engine thread, with a label; so `add` and `remove` may be called from any.
             now: the clock that lifetimes are measured with [s].
         """
         self.markers: tuple[Marker, ...] = ()
         """In the order in which they were added."""
         self._by_id: dict[str, Marker] = {}
         self._expiry_times: dict[str, float] = {}
-        self._now = now
+        self._run, self._now = run, now
 
     @checked
     def add(self, markers: Iterable[Marker], *, lifetime_s: Lifetime | None = None) -> None:
@@ -106,15 +111,25 @@ class MarkerStore:
         Raises:
             InvalidArgumentError: the lifetime is out of range; nothing was added.
         """
-        for marker in markers:
-            self._by_id[marker.id] = marker
-            self._expiry_times.pop(marker.id, None)
-            if lifetime_s is not None:
-                self._expiry_times[marker.id] = self._now() + lifetime_s
-        self.markers = tuple(self._by_id.values())
+        added = tuple(markers)
+
+        def add() -> None:
+            for marker in added:
+                self._by_id[marker.id] = marker
+                self._expiry_times.pop(marker.id, None)
+                if lifetime_s is not None:
+                    self._expiry_times[marker.id] = self._now() + lifetime_s
+            self.markers = tuple(self._by_id.values())
+
+        self._run(add, "add markers")
 
     def remove(self, ids: Iterable[str]) -> tuple[str, ...]:
         """Removes markers; returns the ids of those that existed."""
+        removed = tuple(ids)
+        found: tuple[str, ...] = self._run(lambda: self._remove(removed), "remove markers")
+        return found
+
+    def _remove(self, ids: Iterable[str]) -> tuple[str, ...]:
         removed = tuple(id for id in ids if self._by_id.pop(id, None) is not None)
         for id in removed:
             self._expiry_times.pop(id, None)
@@ -123,9 +138,9 @@ class MarkerStore:
         return removed
 
     def expire(self) -> bool:
-        """Removes the markers whose lifetime is over; returns whether there were any."""
+        """Removes, in the engine thread, the markers whose lifetime is over; returns whether there were any."""
         now = self._now()
-        return bool(self.remove([id for id, until in self._expiry_times.items() if until <= now]))
+        return bool(self._remove([id for id, until in self._expiry_times.items() if until <= now]))
 
     def next_expiry_s(self) -> float | None:
         """The time until the next marker expires [s]; None if no marker has a lifetime."""

@@ -198,7 +198,7 @@ def make_edit(session: EngineSession, edit: Edit) -> None:
     if isinstance(edit, MoveJoint):
         find_joint(session, edit.joint).move_to(edit.position)
     elif isinstance(edit, ClearWorld):
-        session.run_on_engine(lambda engine: engine.clear(), label="clear", edits=True)
+        session.engine.run(lambda engine: engine.clear(), label="clear", edits=True)
     else:
         session.apply(edit)
 

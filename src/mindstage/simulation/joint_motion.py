@@ -237,7 +237,7 @@ class SimulationJoint:
         limit = _TOLERANCES[self.is_prismatic] if tolerance is None else tolerance
         if self._master is not None:
             duration_s = yield from self._move_master(self._master, position, timeout_s, limit)
-        elif Capability.JOINTS in self._simulation.capabilities and self._simulates:
+        elif Capability.JOINTS in self._simulation.engine.capabilities and self._simulates:
             duration_s = yield from self._pull(position, timeout_s, limit)
         else:
             pose = self._joint.pose_for(self._axis.name, position - self._zero, self._poses())
@@ -329,9 +329,9 @@ class SimulationJoint:
         """The position that the joint had when this simulation connected to its engine, else 0 [m or rad]."""
         name = self._axis.name
         known = {joint.id for world in self._simulation.worlds for joint in world.joints}
-        if self.id in known or Capability.JOINTS not in self._simulation.capabilities:
+        if self.id in known or Capability.JOINTS not in self._simulation.engine.capabilities:
             return 0.0
-        positions = self._simulation.run_on_engine(lambda engine: engine.joint_positions(), label="joint positions")
+        positions = self._simulation.engine.run(lambda engine: engine.joint_positions(), label="joint positions")
         if self.id not in positions:
             return 0.0
         return positions[self.id][AXIS_NAMES.index(name)] - self._joint.positions(self._poses())[name]

@@ -180,6 +180,8 @@ class Observers:
         self._observers: tuple[SimulationObserver, ...] = ()
         self._on_fault, self._caught = on_fault, caught
         self._called: SimulationObserver | None = None
+        self.recorder: object | None = None
+        """The last `mindstage.episodes.Recorder`: questions about the past are about what it has recorded so far."""
 
     def __bool__(self) -> bool:
         return bool(self._observers)

@@ -272,7 +272,7 @@ def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry
         return rest_pose
 
     timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
-    rest_pose = simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
+    rest_pose = simulation.engine.run(simulate, label="place", timeout_s=timeout_s, edits=True)
     if rest_pose is not None:
         simulation.spawn(
             msgspec.structs.replace(world, bodies=(msgspec.structs.replace(body, pose=rest_pose),)),
@@ -302,7 +302,7 @@ def _try_move(simulation: EngineSession, body: Body, title: str) -> Pose | None:
         return rest_pose
 
     timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
-    rest_pose = simulation.run_on_engine(simulate, label="place", timeout_s=timeout_s, edits=True)
+    rest_pose = simulation.engine.run(simulate, label="place", timeout_s=timeout_s, edits=True)
     if rest_pose is not None:
         (simulation.edits.apply if title else simulation.apply)(SetPoses({body.id: rest_pose}, title=title))
     return rest_pose

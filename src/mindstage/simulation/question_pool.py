@@ -178,7 +178,9 @@ class _StateSource:
         with self._lock:
             if (known := self.known()) is not None:
                 return known
-            snapshot, now = self._simulation.published_state()
+            snapshot, now = self._simulation.engine.run(
+                lambda _: (self._simulation.state, self._simulation.current_state()), label="current state"
+            )
             state = self._encoded(now, StateLabel(snapshot.time_s, snapshot.revision))
             self._last = snapshot, now, state
             return state
@@ -461,7 +463,7 @@ class QuestionPool:
             question=question,
             args=args,
             as_json=not as_rows,
-            as_rows=as_rows or bool(self._simulation.is_observed),
+            as_rows=as_rows or bool(self._simulation.observers),
             uses_state=is_sentence(question) or get_question(question).uses_current_state,
             key=msgspec.json.encode((question, sorted(args.items()), as_rows, is_outside_request())),
             context=copy_context(),
@@ -531,7 +533,7 @@ class QuestionPool:
                 asked = self._queue.pop()
                 key = asked.key if asked else b""
                 # The same question of others gets the same answer, whose state is read from now on.
-                is_observed = self._simulation.is_observed  # then each is reported
+                is_observed = bool(self._simulation.observers)  # then each is reported
                 same = [] if is_observed else self._queue.remove_if(lambda each: each.key == key)  # noqa: B023
                 self._busy += 1
             try:
@@ -615,8 +617,8 @@ class QuestionPool:
     def _answers(self, asked: WaitingQuestion, reply: QuestionReply, state: _State | None) -> PooledAnswers:
         label = None if state is None else state.label
         found = PooledAnswers(reply.json, label, self._simulation.knowledge, _rows=reply.rows)
-        if reply.rows and self._simulation.is_observed:
-            asked.context.run(self._simulation.report_answers, found.answers)
+        if reply.rows and self._simulation.observers:
+            asked.context.run(self._simulation.observers.report_answers, found.answers)
         return found
 
     def _refuse_late(self) -> None:

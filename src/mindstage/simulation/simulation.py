@@ -11,7 +11,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, overload
 import msgspec
 from msgspec.structs import replace
 
-from mindstage.access.limits import Duration, Lifetime, Speed, Timeout
+from mindstage.access.limits import Duration, Speed, Timeout
 from mindstage.engines import is_remote
 from mindstage.engines.base import (
     Applied,
@@ -29,7 +29,6 @@ from mindstage.engines.base import (
     MovedBody,
     RebuildingEngine,
     SavedState,
-    SpawnNote,
     SpawnReport,
 )
 from mindstage.engines.edits import RestoreBodies
@@ -56,10 +55,17 @@ from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Worl
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.scene.edits import Edit, SetPoses, Spawn
-from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, SimulatedRobot, fault_error
-from mindstage.simulation.engine_thread import DirectCalls, EngineThread, LateEndCallbacks, RealTimeClock, TickDelay
+from mindstage.simulation.controllers import EARLY_S, Controller, ControllerSchedule, SimulatedRobots, fault_error
+from mindstage.simulation.engine_thread import (
+    DirectCalls,
+    EngineAccess,
+    EngineThread,
+    LateEndCallbacks,
+    RealTimeClock,
+    TickDelay,
+)
 from mindstage.simulation.geometry_provider import GeometryProvider, with_geometry_notes, with_immovable_notes
-from mindstage.simulation.highlights import HighlightResult, Highlights, Marker, MarkerStore, highlight_request
+from mindstage.simulation.highlights import HighlightResult, Highlights, MarkerStore, highlight_request
 from mindstage.simulation.imagined import (
     EditRecordingEngine,
     ForkOrigin,
@@ -75,7 +81,6 @@ from mindstage.simulation.observation import (
     ClientDirectory,
     ObservedEngine,
     Observers,
-    SimulationObserver,
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
@@ -103,7 +108,7 @@ _PICKLED_FIELDS = (
     "_reports",
     "_grounded",
     "_controllers",
-    "_robots",
+    "robots",
 )
 _SPAWN_S = 0.02
 """By how much the timeout of a spawn is longer for each body and joint [s]."""
@@ -162,6 +167,8 @@ class Simulation:
         self.edits = Edits(self)
         self._longest_part_s: float = _STEP_CHUNK_S
         self._use_engine(engine)
+        self._late_ends = LateEndCallbacks()
+        self.engine = EngineAccess(lambda: self._engine, self._run, self._late_ends)
         self._geometry_provider = GeometryProvider(knowledge, primitive_shapes=primitive_shapes, meshes=meshes)
         self._revision = 0
         self._worlds: tuple[World, ...] = ()
@@ -171,21 +178,16 @@ class Simulation:
         self._initial_state: SavedState | None = None
         self._initial_state_is_due = False
         self._tick_delay = TickDelay()
-        self._late_ends = LateEndCallbacks()
         self._start: StartState | None = None
         self._clock: RealTimeClock | None = None
         self._perturbations = Perturbations()
-        self._robots: Mapping[str, SimulatedRobot] = {}
-        self._former_robots: dict[str, SimulatedRobot] = {}  # those that were removed
         self._highlights = Highlights()
-        self._markers = MarkerStore()
+        self.markers = MarkerStore(lambda function, label: self.engine.run(lambda _: function(), label=label))
         self._caught: type[BaseException] = BaseException if threaded else Exception  # Ctrl-C is not a fault
-        self._observers = Observers(on_fault=self._on_fault, caught=self._caught)
-        self.report = self._observers.report
+        self.observers = Observers(on_fault=self._on_fault, caught=self._caught)
         self._controllers = ControllerSchedule(caught=self._caught)
-        self._recorder: object | None = None
+        self.robots = SimulatedRobots(self._controllers)
         self._error = ""
-        self._engine_error: EngineError | None = None
         self._fault: SimulationFaultError | None = None
         """What the next call from Python raises."""
         self._closed = False
@@ -194,7 +196,7 @@ class Simulation:
         self._state = self._read_state()
         self._shown_state = (self._state, self._state)
         self._origin: ForkOrigin | None = None
-        self._imaginations: tuple[Simulation, ...] = ()
+        self._forks: tuple[Simulation, ...] = ()
         self._thread: EngineThread | DirectCalls = DirectCalls()
         if threaded:
             self._thread = EngineThread(
@@ -207,16 +209,6 @@ class Simulation:
             )
 
     # -- the world -----------------------------------------------------------------------------------------
-
-    @property
-    def engine_name(self) -> str:
-        """The name of the engine."""
-        return self._engine.name
-
-    @property
-    def capabilities(self) -> frozenset[Capability]:
-        """The optional capabilities of the engine."""
-        return self._engine.capabilities
 
     @property
     def worlds(self) -> tuple[World, ...]:
@@ -296,7 +288,7 @@ class Simulation:
         with self._tick_delay.preparing():
             description = world if isinstance(world, World) else self.knowledge.world(world)
         report = self._spawn(description, make, self._geometry_provider, geometry=geometry, **options)
-        if check_rest and not is_remote(self.engine_name):
+        if check_rest and not is_remote(self.engine.name):
             report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
             self._reports = (*self._reports[:-1], report)
         return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
@@ -357,6 +349,7 @@ class Simulation:
 
     def _no_worlds(self, knowledge: KnowledgeBase) -> dict[str, Any]:
         """The attributes that are about the worlds, without any."""
+        controllers = ControllerSchedule(caught=self._caught)
         return {
             "knowledge": knowledge,
             "_geometry_provider": self._geometry_provider.for_knowledge(knowledge),
@@ -367,9 +360,8 @@ class Simulation:
             "_initial_state": None,
             "_initial_state_is_due": False,
             "_start": None,
-            "_controllers": ControllerSchedule(caught=self._caught),
-            "_robots": {},
-            "_former_robots": {},
+            "_controllers": controllers,
+            "robots": SimulatedRobots(controllers),
             "_highlights": Highlights(),
         }
 
@@ -449,7 +441,9 @@ class Simulation:
         for each in _primitives(edit):
             self._keep(each, applied.report)
         if isinstance(edit, SessionEdit):
+            known = set(self.robots)
             edit.complete(self, engine)
+            self._initial_state_is_due |= not known.issuperset(self.robots)  # with the actuators
         return applied
 
     def _keep(self, edit: Edit, report: SpawnReport) -> None:
@@ -483,44 +477,61 @@ class Simulation:
             finally:
                 self._restore(engine, before, self._worlds)
 
-        return self.run_on_engine(check, label="check rest", timeout_s=self.timeout_s * 6 * (1 + REST_CHECK_S))
-
-    @property
-    def notes(self) -> tuple[SpawnNote, ...]:
-        """Decisions and warnings of the engine that are in no report, since edits or the physics caused them."""
-        return self.run_on_engine(lambda engine: engine.notes, label="notes")
+        return self.engine.run(check, label="check rest", timeout_s=self.timeout_s * 6 * (1 + REST_CHECK_S))
 
     def snapshot(self) -> World:
         """The current state as a world."""
-        return self.run_on_engine(lambda engine: engine.snapshot(), label="snapshot")
+        return self.engine.run(lambda engine: engine.snapshot(), label="snapshot")
 
     def current_state(self) -> WorldState:
         """The current world, joint positions and geometry, for questions about them."""
-        return self.published_state()[1]
 
-    def published_state(self) -> tuple[StateSnapshot, WorldState]:
-        """The current state, with the snapshot that was published of it."""
-
-        def take(engine: Engine) -> tuple[StateSnapshot, WorldState]:
+        def take(engine: Engine) -> WorldState:
             world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
-            return self._state, WorldState(
+            return WorldState(
                 world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
             )
 
-        return self.run_on_engine(take, label="current state")
+        return self.engine.run(take, label="current state")
 
-    def reset(self) -> None:
-        """Restores the state after the last persistent spawn; highlights remain."""
+    def reset(self, *, to_start: bool = False, keep_spawned: bool = False) -> None:
+        """Restores the state after the last persistent spawn, or the start; highlights remain.
+
+        Args:
+            to_start: whether the start is restored (see `mark_start`): what was spawned later is removed, and the undo
+                history is cleared.
+            keep_spawned: whether bodies that were spawned after the start, and exist now, are spawned again at their
+                first poses.
+        """
 
         def reset(engine: Engine) -> None:
+            present = set(engine.poses()[0])
             self._perturbations.clear()
             self._error, self._fault = "", None
-            self._restore(engine, self._initial_state, self._worlds)
+            if to_start:
+                self._restore_start(engine, self.start_ids, present if keep_spawned else ())
+            else:
+                self._restore(engine, self._initial_state, self._worlds)
             self._controllers.reset(engine)
             self._highlights.reapply(engine)
 
-        self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+        self.engine.run(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
+        if to_start:
+            self.edits.clear()
+
+    def _restore_start(self, engine: Engine, start_ids: frozenset[BodyId], kept: Collection[BodyId]) -> None:
+        start = self._start or StartState()
+        later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
+        self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
+        self._initial_state = start.state
+        self.robots.forget_former()
+        if kept:
+            added = set(kept) - start_ids
+            self._respawn(engine, (world_with_bodies(world, added, start_ids) for world in later))
+        else:
+            self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
+            self._reports = self._reports[: start.report_count]
 
     def _restore(self, engine: Engine, state: SavedState | None, worlds: Iterable[World]) -> None:
         """Restores a saved state; without one, worlds are spawned again."""
@@ -537,7 +548,7 @@ class Simulation:
 
     @property
     def start_ids(self) -> frozenset[BodyId]:
-        """The bodies of the start, to which `reset_to_start` returns."""
+        """The bodies of the start, to which `reset` can return."""
         start = self._start or StartState()
         return frozenset(body.id for world in (*start.worlds, *start.temporary_worlds) for body in world.bodies)
 
@@ -549,33 +560,7 @@ class Simulation:
             self._save_initial_state()
             self._start = self._start_state()
 
-        self.run_on_engine(mark, label="mark start")
-
-    def reset_to_start(self, *, keep_spawned: bool = False) -> None:
-        """Restores the start: what was spawned later is removed, and the undo history is cleared; highlights remain.
-
-        Args:
-            keep_spawned: whether bodies that were spawned later, and exist now, are spawned again at their first poses.
-        """
-
-        def reset(engine: Engine) -> None:
-            start, present = self._start or StartState(), set(engine.poses()[0])
-            later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
-            self._perturbations.clear()
-            self._error, self._fault = "", None
-            self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
-            self._controllers.reset(engine)
-            self._initial_state = start.state
-            if keep_spawned:
-                added = present - self.start_ids
-                self._respawn(engine, (world_with_bodies(world, added, self.start_ids) for world in later))
-            else:
-                self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
-                self._reports = self._reports[: start.report_count]
-            self._highlights.reapply(engine)
-
-        self.run_on_engine(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
-        self.edits.clear()
+        self.engine.run(mark, label="mark start")
 
     def clear(self) -> None:
         """Removes all worlds, and clears the undo history."""
@@ -585,52 +570,8 @@ class Simulation:
             self._perturbations.clear()
             self.__dict__ |= self._no_worlds(self.knowledge)
 
-        self.run_on_engine(clear, label="clear", edits=True)
+        self.engine.run(clear, label="clear", edits=True)
         self.edits.clear()
-
-    @property
-    def engine_error(self) -> EngineError | None:
-        """The error of the last access to the engine's state; None if it succeeded."""
-        return self._engine_error
-
-    @checked
-    def ping(self, *, timeout_s: Timeout | None = None) -> float:
-        """Calls the engine, and returns the round-trip time [s]; raises what `run_on_engine` raises."""
-        start = time.perf_counter()
-        self.run_on_engine(lambda engine: engine.time_s, label="ping", timeout_s=timeout_s)
-        return time.perf_counter() - start
-
-    @checked
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: Timeout | None = None, edits: bool = False
-    ) -> T:
-        """Runs a function in the engine thread: `sim.run_on_engine(lambda engine: engine.save_state())`.
-
-        Args:
-            function: called with the engine, to which it must not keep a reference.
-            label: the name of the call in errors.
-            timeout_s: by default that of the simulation [s].
-            edits: whether bodies, materials or highlights may change; increments `StateSnapshot.revision`.
-
-        Raises:
-            SimulationTimeoutError: the call did not begin in time and never will; or, with `begun`, it did not end in
-                time: then its end is reported to the callbacks of `on_late_end`.
-            SimulationFaultError: something raised while the simulation played; nothing was executed.
-            SimulationError: the simulation is closed.
-        """
-        name = label or getattr(function, "__name__", "the call")
-        return self._run(function, label=name, timeout_s=timeout_s, edits=edits)
-
-    def on_late_end(self, callback: Callable[[str, BaseException | None], None]) -> Callable[[], None]:
-        """Registers a callback for the ends of calls that were reported as begun, but not ended in time.
-
-        Args:
-            callback: called in the engine thread with the label of the call, and its error or None; must not block.
-
-        Returns:
-            A function that removes the callback.
-        """
-        return self._late_ends.add(callback)
 
     def _run(
         self,
@@ -641,10 +582,9 @@ class Simulation:
         edits: bool,
         saves_first: bool = True,
     ) -> T:
-        """See `run_on_engine`; a persistent spawn does not need the state before it to be saved first."""
+        """See `EngineAccess.run`; a persistent spawn does not need the state before it to be saved first."""
         if self._closed:
             raise SimulationError("the simulation is closed; make a new one")
-
         timeout_s = self.timeout_s if timeout_s is None else timeout_s
         client = current_client()
         if client == DEFAULT_CLIENT:
@@ -654,9 +594,9 @@ class Simulation:
             try:
                 if saves_first:
                     self._save_initial_state()
-                if not self._observers:
+                if not self.observers:
                     return function(self._engine)
-                with self._observers.editing(self._engine, label=label, client=client) as engine:
+                with self.observers.editing(self._engine, label=label, client=client) as engine:
                     return function(engine)
             finally:
                 if edits and self._is_rebuild_pending():
@@ -684,22 +624,13 @@ class Simulation:
             self.knowledge, question, args, positional=positional, find_body=present.find_individual
         )
         if time != NOW or resolved.about_past:
-            with recorded_so_far(self._recorder) as running:
+            with recorded_so_far(self.observers.recorder) as running:
                 episodes = (*self.knowledge.episodes, *running)
                 return ask_over_time(self.knowledge, resolved, known, time=time, episodes=episodes, notes=notes)
         answers = resolved.ask(self.knowledge, known, present=present, notes=notes)
-        self.report_answers(answers)
+        if self.observers:
+            self.observers.report_answers(answers)
         return answers
-
-    @property
-    def is_observed(self) -> bool:
-        """Whether there are observers, such as a recorder."""
-        return bool(self._observers)
-
-    def report_answers(self, answers: Answers[Any]) -> None:
-        """Reports answers about the present that `ask` has not given to the observers."""
-        if self._observers:
-            self._observers.report_answers(answers)
 
     @checked
     def sparql(
@@ -754,34 +685,13 @@ class Simulation:
         request = highlight_request(shown, label)
         rgb = color_from(color)
         apply = partial(self._highlights.apply, request=request, color=rgb, replace=replace, strict=not missing_ok)
-        return self.run_on_engine(apply, label="highlight", edits=True)
+        return self.engine.run(apply, label="highlight", edits=True)
 
     def clear_highlights(self) -> None:
         """Removes all highlights."""
-        self.run_on_engine(
+        self.engine.run(
             lambda engine: engine.highlight(tuple(engine.highlights()), None), label="clear highlights", edits=True
         )
-
-    @checked
-    def add_markers(self, markers: Iterable[Marker], *, lifetime_s: Lifetime | None = None) -> None:
-        """Adds markers, replacing those of the same ids, for a lifetime [s] or until they are removed."""
-        added = tuple(markers)
-        self.run_on_engine(lambda _: self._markers.add(added, lifetime_s=lifetime_s), label="add markers")
-
-    def remove_markers(self, ids: Iterable[str]) -> tuple[str, ...]:
-        """Removes markers; returns the ids of those that existed."""
-        removed = tuple(ids)
-        return self.run_on_engine(lambda _: self._markers.remove(removed), label="remove markers")
-
-    # -- recordings ----------------------------------------------------------------------------------------
-
-    def observe(self, observer: SimulationObserver) -> Callable[[], None]:
-        """Registers an observer of states and edits; returns a function that removes it."""
-        return self._observers.add(observer)
-
-    def keep_recorder(self, recorder: object) -> None:
-        """Makes what a `mindstage.episodes.Recorder` has recorded so far the episode that questions are about."""
-        self._recorder = recorder
 
     # -- copies --------------------------------------------------------------------------------------------
 
@@ -805,20 +715,21 @@ class Simulation:
             ids, poses = engine.poses()
             return copied, ForkOrigin(self, self._revision, ids, poses, notes), self._controllers.copy()
 
-        engine, origin, controllers = self.run_on_engine(fork, label="fork")
-        self._observers.report("imagination", details={"notes": origin.notes})
+        engine, origin, controllers = self.engine.run(fork, label="fork")
+        self.observers.report("imagination", details={"notes": origin.notes})
         recorded = EditRecordingEngine(engine)
         copy = Simulation(self.knowledge, recorded.as_engine(), timeout_s=self.timeout_s, threaded=threaded)
         copy._geometry_provider, copy._origin = provider.copy(), origin
         copy._worlds, copy._temporary_worlds, copy._reports = self._worlds, self._temporary_worlds, self._reports
         copy._grounded, copy._controllers = self._grounded, controllers
         controllers.caught = copy._caught
-        copy._robots = {name: each.in_copy(copy, controllers) for name, each in self.robots.items()}
+        copies = {name: each.in_copy(copy, controllers) for name, each in self.robots.items()}
+        copy.robots = SimulatedRobots(controllers, copies)
         if self._initial_state is not None and not origin.notes:
             copy._initial_state = recorded.own_state(self._initial_state)
         if threaded:
-            self._imaginations = (*self._imaginations, copy)
-            copy.on_close(lambda: self._forget_imagination(copy))
+            self._forks = (*self._forks, copy)
+            copy.on_close(lambda: self._forget_fork(copy))
         return copy
 
     @property
@@ -827,9 +738,9 @@ class Simulation:
         return self._origin
 
     @property
-    def imaginations(self) -> tuple[Simulation, ...]:
+    def forks(self) -> tuple[Simulation, ...]:
         """The copies that are open and have threads of their own, in the order in which they were made."""
-        return self._imaginations
+        return self._forks
 
     def commit(self) -> tuple[str, ...]:
         """Makes the edits of this copy in its original: spawned, deleted, moved and attached bodies, moved joints.
@@ -860,8 +771,8 @@ class Simulation:
         self.__dict__ |= state
         self._origin = ForkOrigin(self, self._revision, self._state.ids, self._state.poses, notes)
 
-    def _forget_imagination(self, copy: Simulation) -> None:
-        self._imaginations = tuple(each for each in self._imaginations if each is not copy)
+    def _forget_fork(self, copy: Simulation) -> None:
+        self._forks = tuple(each for each in self._forks if each is not copy)
 
     # -- time ----------------------------------------------------------------------------------------------
 
@@ -882,11 +793,11 @@ class Simulation:
         """
         done = 0.0
         while done < duration_s:
-            longest = self._observers.step_s(_STEP_CHUNK_S)
+            longest = self.observers.step_s(_STEP_CHUNK_S)
             chunk = left = min(longest, duration_s - done)
             timeout_s = self.timeout_s * (1 if self._interruptible_engine is not None else 6)
             while left > 0.0:
-                left = self.run_on_engine(partial(self._step_slice, left), label="step", timeout_s=timeout_s)
+                left = self.engine.run(partial(self._step_slice, left), label="step", timeout_s=timeout_s)
             done = done + chunk if duration_s - done > longest else duration_s
             if progress is not None:
                 progress(done)
@@ -907,7 +818,7 @@ class Simulation:
         if current_client() == DEFAULT_CLIENT:
             self._raise_fault()
         self._error, self._fault, self._clock = "", None, RealTimeClock(speed)
-        self.run_on_engine(lambda engine: None, label="play")
+        self.engine.run(lambda engine: None, label="play")
 
     def pause(self) -> None:
         """Stops the simulated time; edits and single steps remain possible.
@@ -1017,9 +928,9 @@ class Simulation:
         """
         from mindstage.saving import save_world
 
-        parts = frozenset() if robots else frozenset(id for robot in self._robots.values() for id in robot.body_ids)
+        parts = frozenset() if robots else frozenset(id for robot in self.robots.values() for id in robot.body_ids)
         world = without_bodies(self.snapshot(), parts)
-        actuated = [robot.actuated_bodies() for robot in self._robots.values()] if robots else []
+        actuated = [robot.actuated_bodies() for robot in self.robots.values()] if robots else []
         options: Any = {"format": format, "dialect": dialect, "assets": assets, "primitive_shapes": primitive_shapes}
         return save_world(world, path, knowledge=self.knowledge, actuated=actuated, **options)
 
@@ -1047,43 +958,14 @@ class Simulation:
 
     # -- robots and controllers ----------------------------------------------------------------------------
 
-    def keep_robot(self, robot: SimulatedRobot) -> None:
-        """Keeps a robot that an edit has added; called in the engine thread. See `mindstage.robots.add_robot`.
-
-        It is copied and reset together with the simulation.
-        """
-        self._former_robots.pop(robot.name, None)
-        self._controllers.add(robot.controller_name, robot.controller)
-        self._robots = {**self._robots, robot.name: robot}
-        self._initial_state_is_due = True  # with the actuators
-
-    def drop_robot(self, name: str) -> None:
-        """Ends a robot that an edit has removed; called in the engine thread. See `mindstage.robots.Robot.remove`."""
-        robot = self._robots[name]
-        self._controllers.remove(robot.controller_name, robot.controller)
-        self._robots = {key: each for key, each in self._robots.items() if each is not robot}
-        self._former_robots[name] = robot
-
-    @property
-    def former_robots(self) -> Mapping[str, SimulatedRobot]:
-        """The robots that were removed, by name; undoing that adds them again."""
-        return self._former_robots
-
-    @property
-    def robots(self) -> Mapping[str, SimulatedRobot]:
-        """The robots by name, except those whose bodies were deleted; see `mindstage.robots.robots_of`."""
-        return {name: robot for name, robot in self._robots.items() if robot.exists}
-
     def add_controller(self, name: str, controller: Controller) -> Callable[[], None]:
         """Adds a controller of actuators, which is copied and reset together with the simulation.
 
         Returns:
             A function that removes it.
         """
-        self.run_on_engine(lambda _: self._controllers.add(name, controller), label="add controller")
-        return lambda: self.run_on_engine(
-            lambda _: self._controllers.remove(name, controller), label="remove controller"
-        )
+        self.engine.run(lambda _: self._controllers.add(name, controller), label="add controller")
+        return lambda: self.engine.run(lambda _: self._controllers.remove(name, controller), label="remove controller")
 
     # -- perturbations -------------------------------------------------------------------------------------
 
@@ -1104,12 +986,12 @@ class Simulation:
             raise BodyNotFoundError(id, known=self._state.ids)
         self._perturbations.pull(id, point=point, target=target, worlds=self.worlds)
         if is_new:
-            self._observers.report("pull", ids=(id,), details={"point": point, "target": target})
+            self.observers.report("pull", ids=(id,), details={"point": point, "target": target})
 
     def release(self, id: BodyId | None = None) -> None:
         """Ends the pull on one body, or all pulls."""
         if released := tuple(self._perturbations) if id is None else (id,):
-            self._observers.report("release", ids=released)
+            self.observers.report("release", ids=released)
         self._perturbations.release(id)
 
     # -- closing -------------------------------------------------------------------------------------------
@@ -1135,14 +1017,14 @@ class Simulation:
             self._clock = None
             self._thread.stop()
             self._engine.close()
-            self._engine_error = EngineClosedError(self._engine.name)
+            self.engine.error = EngineClosedError(self._engine.name)
 
     def __repr__(self) -> str:
         snapshot = self._state
         maps = "".join(f" {world.name or short_name(world.iri)}" for world in self.worlds)
         state = "closed" if self._closed else "playing" if snapshot.playing else "paused"
         bodies = counted(len(snapshot.ids), "body")
-        return f"<{type(self).__name__}{maps}: {bodies}, {self.engine_name}, {state} at {snapshot.time_s:.2f} s>"
+        return f"<{type(self).__name__}{maps}: {bodies}, {self.engine.name}, {state} at {snapshot.time_s:.2f} s>"
 
     def __enter__(self) -> Simulation:
         return self
@@ -1172,7 +1054,7 @@ class Simulation:
     def _play(self, clock: RealTimeClock) -> float:
         """Advances time by what is due, or as far as it can within the wall time of a tick."""
         end_s = time.monotonic() + _SLICE_WALL_S
-        self._markers.expire()
+        self.markers.expire()
         self._save_initial_state()
         is_rebuild_pending = self._is_rebuild_pending()
         with self._tick_delay.rebuilding():
@@ -1182,7 +1064,7 @@ class Simulation:
             return 0.0  # it took its time: other calls are executed first, which may pause
         due_s = clock.due_s()
         while due_s > 0.0:
-            part_s = self._observers.step_s(due_s)
+            part_s = self.observers.step_s(due_s)
             if part_s > due_s * (1.0 - 1e-9):
                 part_s = due_s
             left_s = self._advance(part_s, end_s=end_s)
@@ -1197,9 +1079,9 @@ class Simulation:
         return 0.0 if due_s > 0.0 else _TICK_S
 
     def _expire_markers(self) -> float | None:
-        if self._markers.expire():
+        if self.markers.expire():
             self._publish_if_possible()
-        return self._markers.next_expiry_s()
+        return self.markers.next_expiry_s()
 
     def _step_slice(self, duration_s: float, _: Engine) -> float:
         """Advances time for a step, or a part of it; returns the time that is left [s]."""
@@ -1280,7 +1162,7 @@ class Simulation:
         """What the engine thread is waiting for, for errors; called in any thread."""
         if name := self._controllers.called:
             return f"the controller {name!r}, which does not return"
-        if name := self._observers.called:
+        if name := self.observers.called:
             return f"the observer {name}, which does not return"
         rebuild = self._rebuilding_engine.last_rebuild if self._rebuilding_engine is not None else None
         return "a rebuild of its model" if rebuild is not None and rebuild.ended_s is None else ""
@@ -1309,21 +1191,21 @@ class Simulation:
     def _publish(self, *, edits: bool = False) -> None:
         self._revision += edits
         try:
-            self._state, self._engine_error = self._read_state(), None
+            self._state, self.engine.error = self._read_state(), None
         except EngineError as error:
-            self._engine_error, self._clock, self._error = error, None, str(error)
+            self.engine.error, self._clock, self._error = error, None, str(error)
             self._state = msgspec.structs.replace(self._state, playing=False, error=self._error)
             raise
-        if self._observers:
+        if self.observers:
             pending = self._is_rebuild_pending()
-            self._observers.publish(self._state, self._engine, edited=edits, rebuild_pending=pending)
+            self.observers.publish(self._state, self._engine, edited=edits, rebuild_pending=pending)
         if edits and (raised := self.clients.notify_edit(caught=self._caught)) is not None:
             fault = fault_error("a callback of edits", raised, remedy="it was removed")
             fault.__cause__ = raised
             self._on_fault(fault)
 
     def _publish_if_possible(self) -> None:
-        with suppress(EngineError):  # reported by `state.error` and `engine_error`
+        with suppress(EngineError):  # reported by `state.error` and `engine.error`
             self._publish()
 
     def _read_state(self) -> StateSnapshot:
@@ -1336,7 +1218,7 @@ class Simulation:
             poses=poses,
             highlights=highlights,
             highlight_groups=self._highlights.sync(highlights),
-            markers=self._markers.markers,
+            markers=self.markers.markers,
             revision=self._revision,
             playing=clock is not None,
             speed=clock.speed if clock else 1.0,

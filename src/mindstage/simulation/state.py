@@ -5,17 +5,18 @@ A `StateSnapshot` is immutable and replaced after each tick and call, so it can 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Mapping
+from collections.abc import Container, Mapping
 from typing import Any, Protocol, TypeVar
 
 import msgspec
 
-from mindstage.engines.base import Applied, Capability, Engine, EngineStats, PoseArray, SavedState, SpawnReport
+from mindstage.engines.base import Applied, Engine, EngineStats, PoseArray, SavedState, SpawnReport
 from mindstage.errors import BodyNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Pose, Vector, World
 from mindstage.scene.edits import Edit
 from mindstage.scene.transforms import Array, normalize, pose_from_array
+from mindstage.simulation.engine_thread import EngineAccess
 from mindstage.simulation.highlights import HighlightGroup, Marker
 
 __all__ = ["EngineSession", "SessionEdit", "SimulationBody", "StateSnapshot", "WorldSession", "find_body", "poses_in"]
@@ -76,8 +77,8 @@ class WorldSession(Protocol):
         """The latest published state."""
 
     @property
-    def capabilities(self) -> frozenset[Capability]:
-        """The optional capabilities of the engine."""
+    def engine(self) -> EngineAccess:
+        """Its engine."""
 
     def snapshot(self) -> World:
         """The current state as a world."""
@@ -97,11 +98,6 @@ class WorldSession(Protocol):
         timeout_s: float | None = None,
     ) -> Applied:
         """Makes an edit."""
-
-    def run_on_engine(
-        self, function: Callable[[Engine], T], *, label: str = "", timeout_s: float | None = None, edits: bool = False
-    ) -> T:
-        """Runs a function on the engine, in the thread that owns it."""
 
 
 class SimulationBody:

@@ -134,7 +134,7 @@ class Edits:
             return applied
 
         label = f"edit: {edit.label}"
-        return self._simulation.run_on_engine(apply, label=label, timeout_s=timeout_s, edits=True)
+        return self._simulation.engine.run(apply, label=label, timeout_s=timeout_s, edits=True)
 
     def move(self, id: BodyId, pose: PoseLike, *, continues_last: bool = False) -> None:
         """Sets the pose of a body, at rest; attached bodies move with it.
@@ -274,7 +274,7 @@ class Edits:
                 self.record(SetPoses(poses, {}, title=label))
             return bool(poses)
 
-        return self._simulation.run_on_engine(record, label=label)
+        return self._simulation.engine.run(record, label=label)
 
     @contextmanager
     def one_step(self, label: str) -> Iterator[None]:
@@ -288,12 +288,12 @@ class Edits:
         """
         with self._lock:
             earlier = list(self._done)
-        can_save = Capability.SAVE in self._simulation.capabilities
+        can_save = Capability.SAVE in self._simulation.engine.capabilities
 
         def look(engine: Engine) -> tuple[SavedState | None, World]:
             return engine.save_state() if can_save else None, engine.snapshot()
 
-        state, before = self._simulation.run_on_engine(look, label="save")
+        state, before = self._simulation.engine.run(look, label="save")
         try:
             yield
         finally:
@@ -308,11 +308,11 @@ class Edits:
 
     def reset(self) -> None:
         """Resets the simulation; can be undone if the engine can save its state, otherwise clears the history."""
-        if Capability.SAVE not in self._simulation.capabilities:
+        if Capability.SAVE not in self._simulation.engine.capabilities:
             self._simulation.reset()
             self.clear()
             return
-        before = self._simulation.run_on_engine(lambda engine: engine.save_state(), label="save")
+        before = self._simulation.engine.run(lambda engine: engine.save_state(), label="save")
         self._simulation.reset()
         self._record(_Step("reset", None, None, before))
 
@@ -363,7 +363,7 @@ class Edits:
                 else:
                     self._step(engine, self._undone, self._done)
 
-        self._simulation.run_on_engine(go, label="go to a step of the history", edits=True)
+        self._simulation.engine.run(go, label="go to a step of the history", edits=True)
 
     @property
     def version(self) -> int:
@@ -384,7 +384,7 @@ class Edits:
                 raise NothingToUndoError(redo=redo, reason="" if redo else self._end)
             return self._step(engine, source, target)
 
-        return self._simulation.run_on_engine(undo_redo, label="redo" if redo else "undo", edits=True)
+        return self._simulation.engine.run(undo_redo, label="redo" if redo else "undo", edits=True)
 
     def _step(self, engine: Engine, source: list[_Step], target: list[_Step]) -> str:
         """Reverts the last step of a list and appends what reverts that to the other; in the engine thread."""
@@ -432,7 +432,7 @@ def _is_unchanged(before: World, now: World) -> bool:
 
 
 class StartState(msgspec.Struct, frozen=True, eq=False):
-    """What `Simulation.reset_to_start` restores."""
+    """What `Simulation.reset` restores."""
 
     worlds: tuple[World, ...] = ()
     temporary_worlds: tuple[World, ...] = ()

@@ -287,7 +287,7 @@ class TimelineHandler:
         """
         if id is None:
             self._trail, self._trail_id = (), None
-            self._replay.remove_markers([_TRAIL])
+            self._replay.markers.remove([_TRAIL])
             return 0
         path = path_of(self._replay.recording, id)
         if len(path) < 2:
@@ -305,7 +305,7 @@ class TimelineHandler:
             color=_TRAIL_COLOR,
             points=tuple(_vector(row) for row in path[:, :3]),
         )
-        self._replay.add_markers([line])
+        self._replay.markers.add([line])
         return len(path)
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------

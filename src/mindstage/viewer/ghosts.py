@@ -16,7 +16,7 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from mindstage.access.limits import GHOSTS, COPIED_BODIES
+from mindstage.access.limits import COPIED_BODIES, GHOSTS
 from mindstage.rendering.appearance import BodyAppearance, merge_visuals
 from mindstage.scene import BodyId, Color
 from mindstage.scene.colors import srgb_to_linear
@@ -227,7 +227,7 @@ class ImaginationGhosts:
         if time.monotonic() < self._due_s:
             return None
         self._due_s = time.monotonic() + _COPIES_INTERVAL_S
-        copies = simulation.imaginations
+        copies = simulation.forks
         self._numbers = {id(copy): self._numbers.get(id(copy), -1) for copy in copies}
         for key, number in self._numbers.items():
             if number < 0:

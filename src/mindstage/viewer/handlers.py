@@ -251,7 +251,7 @@ class WorldHandler:
         self._joints_by_body, self._joint_handles = joints, {}
         self._spawn_record = SpawnRecord.from_worlds(self._simulation.worlds)
         self._world = world
-        self._channel.publish("scene_tree", scene_tree(world, engine=self._simulation.engine_name, enclosing=enclosing))
+        self._channel.publish("scene_tree", scene_tree(world, engine=self._simulation.engine.name, enclosing=enclosing))
         # The tree may be unchanged, for example if only a mass was edited, but open details have to be updated.
         self._revisions += 1
         self._channel.publish("details_changed", self._revisions)

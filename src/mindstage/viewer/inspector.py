@@ -408,7 +408,7 @@ class StatusHandler:
     def _message(self, snapshot: StateSnapshot) -> StatusMessage:
         report, errors, warnings, assumptions = self._counts
         return StatusMessage(
-            engine=self._simulation.engine_name,
+            engine=self._simulation.engine.name,
             time_s=round(snapshot.time_s, 1),
             playing=snapshot.playing,
             speed=snapshot.speed,

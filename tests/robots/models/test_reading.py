@@ -62,6 +62,8 @@ def random_positions(model: RobotModel, seed: int) -> dict[str, float]:
 
 # -- every example -----------------------------------------------------------------------------------------------------
 
+LARGE = {f"{name}_description" for name in ("so_arm", "borinot", "g1", "hextilt", "b1", "centauro")}
+"""Folders of examples with meshes of many megabytes, which only `make test-slow` reads."""
 REFUSED = {"ur3.urdf": "the robot in it has no link"}
 """The examples that cannot be read, and why: this one is the output of a macro that was never called."""
 
@@ -70,7 +72,17 @@ def test_there_are_69_examples() -> None:
     assert len(EXAMPLE_URDFS) == 69
 
 
-@pytest.mark.parametrize("path", EXAMPLE_URDFS, ids=lambda path: str(path.relative_to(EXAMPLES)))
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(
+            path,
+            id=str(path.relative_to(EXAMPLES)),
+            marks=pytest.mark.slow if path.parent.parent.name in LARGE else [],
+        )
+        for path in EXAMPLE_URDFS
+    ],
+)
 def test_every_example_is_read_or_refused_for_a_true_reason(path: Path) -> None:
     stated = ElementTree.parse(path).getroot()
     if path.name in REFUSED:

@@ -25,6 +25,7 @@ from mindstage.scene.edits import Spawn
 from mindstage.scene.joint_kinematics import moving_body
 from mindstage.scene.transforms import normalized_pose_array, pose_array, pose_multiply, quat_angle, quat_rotate
 from mindstage.simulation.simulation import Simulation
+from tests.cases import each_case
 from tests.robots.models.installed import known_model
 
 HERE = Pose((1.0, -2.0, 0.5), (0.9659258262890683, 0.0, 0.0, 0.25881904510252074))
@@ -181,7 +182,7 @@ def within_limits(model: RobotModel, positions: dict[str, float]) -> tuple[str, 
     return joint.name, there if joint.upper is None or there < joint.upper else there - 0.4
 
 
-@pytest.mark.parametrize("name", STANDING)
+@each_case("name", STANDING)
 def test_a_robot_stands_still_and_moves_a_joint_of_its_arm(name: str) -> None:
     model = known_model(name)
     with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
@@ -194,7 +195,7 @@ def test_a_robot_stands_still_and_moves_a_joint_of_its_arm(name: str) -> None:
         x, y, yaw = robot.base_pose()
         assert max(abs(x), abs(y), abs(yaw)) < 1e-3
         # No contact with the floor or with itself pushes it.
-        contacts = simulation.run_on_engine(lambda engine: engine.contacts(), label="contacts", edits=False)
+        contacts = simulation.engine.run(lambda engine: engine.contacts(), label="contacts", edits=False)
         assert max((contact.depth_m for contact in contacts), default=0.0) < 2e-3
         joint, position = within_limits(model, after)
         motion = robot.run(robot.moving_to({joint: position}))

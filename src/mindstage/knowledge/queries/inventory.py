@@ -12,9 +12,9 @@ from mindstage.knowledge.claims import Claim, ClaimKind
 from mindstage.knowledge.explain import individual_text, missing_instance, source_text
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
-    missing_arguments,
     missing_bodies,
     placed_states,
+    unless_bodies_are_missing,
 )
 from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.queries.storage import storage_place
@@ -97,6 +97,7 @@ class LargerRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="thing or other: the comparisons of all pairs of bodies are not listed",
     sentences=(
         "(is {thing}|what is|which {thing} is) (larger|bigger) than {other} {measure=volume}",
         "(is {thing}|what is|which {thing} is) (taller|higher) than {other} {measure=height}",
@@ -105,7 +106,7 @@ class LargerRow(AnswerRow, frozen=True, kw_only=True):
         "(is {other}|what is) smaller than {thing} {measure=volume}",
         "(is {other}|what is) lighter than {thing} {measure=mass}",
         "(is {other}|what is) shorter than {thing} {measure=height}",
-    )
+    ),
 )
 def larger_than(
     kb: QuestionContext,
@@ -126,8 +127,6 @@ def larger_than(
         larger_than fridge height oven
         larger_than measure=height other=fridge
     """
-    if thing is None and other is None:
-        return
     for bodies in placed_states(present, map):
         given = [bodies.row_of(each) for each in (thing, other) if each is not None]
         if None in given:
@@ -191,25 +190,21 @@ def _explain_larger(kb: QuestionContext, row: LargerRow) -> Iterator[str]:
 
 
 @larger_than.missing
+@unless_bodies_are_missing("thing", "other")
 def _missing_larger(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.thing is None and asked.other is None:
-        yield missing_arguments("give thing or other: the comparisons of all pairs of bodies are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.other), asked.map, asked.present))
-    yield from found
-    if not found:
-        by = f" by {asked.measure}" if asked.measure is not None else ""
-        what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "nothing"
-        verb = "is larger" if asked.thing is None else "is not larger"
-        than = local_name(asked.other) if asked.other is not None else "any other body"
-        unknown = " whose mass is stated" if asked.measure is Measure.MASS else ""
-        reason = f"{what}{unknown if asked.thing is None else ''} {verb} than {than}{by}"
-        claims = body_claims((asked.thing, asked.other), asked.present.states(asked.map), asked.map)
-        claims += tuple(
-            Claim(kind=ClaimKind.NOT_LARGER, subject=asked.thing, object=asked.other, detail=each, map=asked.map)
-            for each in ([asked.measure] if asked.measure is not None else Measure)
-        )
-        yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
+    measure = asked.plain("measure", Measure)
+    by = f" by {measure}" if measure is not None else ""
+    what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "nothing"
+    verb = "is larger" if asked.thing is None else "is not larger"
+    than = local_name(asked.other) if asked.other is not None else "any other body"
+    unknown = " whose mass is stated" if measure is Measure.MASS else ""
+    reason = f"{what}{unknown if asked.thing is None else ''} {verb} than {than}{by}"
+    claims = body_claims((asked.thing, asked.other), asked.present.states(asked.map), asked.map)
+    claims += tuple(
+        Claim(kind=ClaimKind.NOT_LARGER, subject=asked.thing, object=asked.other, detail=each, map=asked.map)
+        for each in ([measure] if measure is not None else Measure)
+    )
+    yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
 
 
 # -- how many ----------------------------------------------------------------------------------------------------------
@@ -334,13 +329,14 @@ class SimilarRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="thing: the similarities of all pairs of bodies are not listed",
     sentences=(
         "what is (like|similar to|the same as) {thing}",
         "is {thing} (like|similar to|the same as) {other}",
         "(what|which things) (looks|look) like {thing}",
         "find something like {thing}",
         "are {thing} and {other} (alike|similar|the same)",
-    )
+    ),
 )
 def similar_to(
     kb: QuestionContext,
@@ -362,9 +358,9 @@ def similar_to(
         similar_to milk_carton_1
         similar_to plate_1 count=3
     """
-    limit = _SIMILAR_COUNT if count is None else count
     if thing is None:
         return
+    limit = _SIMILAR_COUNT if count is None else count
     states_now = [(state, state.map_of_body()) for state in present.states()]
     all_bodies = [(body, homes[body.id]) for state, homes in states_now for body in state.world.bodies]
     own = next((body for body, _ in all_bodies if body.iri == thing), None)
@@ -394,16 +390,12 @@ def similar_to(
             thing=thing,
             other=body.iri,
             rank=rank,
-            common=_common_class(kb, own.cls, above[body.cls]),
+            common=next((cls for cls in kb.reasoner.classes.above(own.cls) if cls in above[body.cls]), THING),
             same_class=body.cls == own.cls,
             same_mesh=same_mesh,
             size_difference=difference,
             map=home,
         )
-
-
-def _common_class(kb: QuestionContext, cls: Iri, others: frozenset[Iri]) -> Iri:
-    return next((above for above in kb.reasoner.classes.above(cls) if above in others), THING)
 
 
 def _size_difference(one: Body, other: Body) -> float | None:
@@ -429,23 +421,19 @@ def _explain_similar(kb: QuestionContext, row: SimilarRow) -> Iterator[str]:
 
 @similar_to.missing
 def _missing_similar(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.thing is None:
-        yield missing_arguments("give thing: the similarities of all pairs of bodies are not listed")
-        return
-    cls = kb.reasoner.class_of(asked.thing) or THING
-    found = [lack for lack in missing_bodies(kb, (asked.thing,), None, asked.present) if lack.property == HAS_POSE]
+    thing = asked.needed("thing")
+    cls = kb.reasoner.class_of(thing) or THING
+    found = [lack for lack in missing_bodies(kb, (thing,), None, asked.present) if lack.property == HAS_POSE]
     yield from found
     if not found:
         what = local_name(asked.other) if asked.other is not None else "nothing"
         how = (
-            f"among the {asked.count or _SIMILAR_COUNT} bodies that are most like"
+            f"among the {asked.plain('count', int) or _SIMILAR_COUNT} bodies that are most like"
             if asked.other is not None
             else "like"
         )
-        reason = (
-            f"{what} is {'not ' if asked.other is not None else ''}{how} {individual_text(kb.reasoner, asked.thing)}"
-        )
-        claims = body_claims((asked.thing, asked.other), asked.present.states(None), None)
+        reason = f"{what} is {'not ' if asked.other is not None else ''}{how} {individual_text(kb.reasoner, thing)}"
+        claims = body_claims((thing, asked.other), asked.present.states(None), None)
         yield MissingKnowledge(cls, TYPE, f"{reason}: by class or mesh", claims=claims)
 
 
@@ -673,15 +661,16 @@ def _explain_state(kb: QuestionContext, row: StateRow) -> Iterator[str]:
 
 @states.missing
 def _missing_state(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    value = asked.plain("value", str)
     what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "anything"
     of = f"{local_name(asked.property)} " if asked.property is not None else ""
-    wanted = f"{of}{local_name(asked.value)} " if asked.value is not None else of
+    wanted = f"{of}{local_name(value)} " if value is not None else of
     cls = kb.reasoner.class_of(asked.thing) if asked.thing is not None else None
     reason = f"no state {wanted}of {what} was asserted: tell it, as in tell milk_carton_1 state clean"
     rows = kb.statements(property=_STATE_PROPERTIES[0])
-    is_stated = any(asked.thing in {None, row[0]} and asked.value in {None, _value_text(row[1])} for row in rows)
-    claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.thing, property=_STATE_PROPERTIES[0], object=asked.value)
+    is_stated = any(asked.thing in {None, row[0]} and value in {None, _value_text(row[1])} for row in rows)
+    claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.thing, property=_STATE_PROPERTIES[0], object=value)
     if is_stated:  # of another property than the one that is wanted
-        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.thing, property=asked.property, object=asked.value)
+        claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.thing, property=asked.property, object=value)
     claims = (claim,) if asked.property is not None or not is_stated else ()
     yield MissingKnowledge(cls or THING, asked.property or _STATE_PROPERTIES[0], reason, claims=claims)

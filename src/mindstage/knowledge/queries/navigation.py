@@ -13,10 +13,9 @@ from mindstage.knowledge.explain import individual_text, source_text, statement_
 from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
     missing_about,
-    missing_arguments,
-    missing_bodies,
     parse_numbers,
     placed_states,
+    unless_bodies_are_missing,
 )
 from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
@@ -202,13 +201,14 @@ class FloorPathRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="start or start_position, and goal or goal_position: all ways are not listed",
     sentences=(
         "how do i get from {start} to {goal} [with [a] radius [of] {radius}]",
         "what is the [shortest] (way|path) from {start} to {goal} [with [a] radius [of] {radius}]",
         "can (i|robot) (go|drive|get) from {start} to {goal} [with [a] radius [of] {radius}]",
         "what (blocks|is in) the way from {start} to {goal}",
         "what is the [shortest] (way|path) from the position {start_position} to {goal}",
-    )
+    ),
 )
 def path(
     kb: QuestionContext,
@@ -238,8 +238,6 @@ def path(
         path chair_1 fridge radius=0.2
         path start_position='1.5 0' goal=oven radius=0.2
     """
-    if (start is None and start_position is None) or (goal is None and goal_position is None):
-        return
     robot, end = _Robot.from_arguments(radius, height, reach), _position(goal_position, "goal_position")
     for floor in _floors(present, map, robot, start, start_position):
         found = floor.plan.path(floor.start_cells(), floor.goal_cells(goal, end))
@@ -275,16 +273,10 @@ def _explain_path(kb: QuestionContext, row: FloorPathRow) -> Iterator[str]:
 
 
 @path.missing
+@unless_bodies_are_missing("start", "goal")
 def _missing_path(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if (asked.start is None and asked.start_position is None) or (asked.goal is None and asked.goal_position is None):
-        yield missing_arguments("give start and goal, or start_position and goal_position: all ways are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.start, asked.goal), asked.map, asked.present))
-    yield from found
-    if found:
-        return
     robot, end = (
-        _Robot.from_arguments(asked.radius, asked.height, asked.reach),
+        _Robot.from_arguments(*(asked.plain(each, float) for each in ("radius", "height", "reach"))),
         _position(asked.goal_position, "goal_position"),
     )
     for floor in _floors(asked.present, asked.map, robot, asked.start, asked.start_position):
@@ -319,6 +311,7 @@ class ReachabilityRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="start or start_position: a way begins somewhere",
     sentences=(
         "what can (i|robot) reach from {start} {reachable=true}",
         "what is reachable from {start} {reachable=true}",
@@ -326,7 +319,7 @@ class ReachabilityRow(AnswerRow, frozen=True, kw_only=True):
         "is {goal} reachable from {start}",
         "can (i|robot) reach {goal} from {start}",
         "(what|which things) can be reached from {start} {reachable=true}",
-    )
+    ),
 )
 def reachable(
     kb: QuestionContext,
@@ -351,8 +344,6 @@ def reachable(
         reachable start_position='1.5 0' goal=fridge radius=0.2
         reachable chair_1 reachable=true radius=0.2
     """
-    if start is None and start_position is None:
-        return
     robot = _Robot.from_arguments(radius, height, reach)
     for floor in _floors(present, map, robot, start, start_position):
         lengths, skipped = floor.lengths().tolist(), {floor.start, *floor.ground}
@@ -387,17 +378,12 @@ def _explain_reachable(kb: QuestionContext, row: ReachabilityRow) -> Iterator[st
 
 
 @reachable.missing
+@unless_bodies_are_missing("start", "goal")
 def _missing_reachable(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.start is None and asked.start_position is None:
-        yield missing_arguments("give start or start_position: a way begins somewhere")
-        return
-    found = list(missing_bodies(kb, (asked.start, asked.goal), asked.map, asked.present))
-    yield from found
-    if found or asked.goal is None:
-        return
-    if asked.reachable:
+    wanted = asked.plain("reachable", bool)
+    if asked.goal is not None and wanted:
         yield from _missing_path(kb, asked)
-    elif asked.reachable is False:
+    elif asked.goal is not None and wanted is False:
         reason = f"{individual_text(kb.reasoner, asked.goal)} is reachable: ask for the path"
         yield missing_about(kb, asked.goal, reason, asked.start, present=asked.present, map=asked.map)
 
@@ -592,11 +578,8 @@ def _explain_room(kb: QuestionContext, row: RoomRow) -> Iterator[str]:
 
 
 @in_room.missing
+@unless_bodies_are_missing("thing")
 def _missing_room(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    found = list(missing_bodies(kb, (asked.thing,), asked.map, asked.present))
-    yield from found
-    if found:
-        return
     rows = [row for bodies in placed_states(asked.present, asked.map) for row in _rooms_in(kb, bodies, asked.thing)]
     claims = body_claims((asked.thing, asked.room), asked.present.states(asked.map), asked.map)
     if not rows:

@@ -7,7 +7,7 @@ as walls that are one body, are left out, and so are bodies without a size.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -69,6 +69,8 @@ _MAX_HEIGHT_GAP_M = 0.3
 """Largest vertical gap of two bodies that are beside each other (KnowRob's comp_spatial uses it for centers)."""
 _MAX_OVERLAP_FRACTION = 0.1
 _MIN_BETWEEN_FRACTION = 0.5
+_SEEN_FROM_VIEWER = {Direction.FRONT: Direction.BEHIND, Direction.BEHIND: Direction.FRONT}
+"""What lies farther along the view is behind; left and right are those of the view."""
 _MIN_HEADING = 1e-6
 """Least horizontal part of a unit vector that has a heading; a fraction."""
 
@@ -222,6 +224,26 @@ def missing_bodies(
             yield from missing_pose(each, kb.reasoner.class_of(each) or THING, states, map)
 
 
+_FindMissing = Callable[[QuestionContext, AskedArguments], Iterator[MissingKnowledge]]
+
+
+def unless_bodies_are_missing(*names: str) -> Callable[[_FindMissing], _FindMissing]:
+    """Decorates a function that finds missing statements, so that missing poses and sizes are found instead of these.
+
+    Args:
+        names: the arguments that are bodies.
+    """
+
+    def decorate(function: _FindMissing) -> _FindMissing:
+        def find_missing(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+            bodies = tuple(getattr(asked, name) for name in names)
+            yield from list(missing_bodies(kb, bodies, asked.map, asked.present)) or function(kb, asked)
+
+        return find_missing
+
+    return decorate
+
+
 # -- left, right, in front, behind -------------------------------------------------------------------------------------
 
 
@@ -255,6 +277,7 @@ class DirectionRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="thing or other: the directions of all pairs of bodies are not listed",
     sentences=(
         "(what|which thing) is {direction} {other}",
         "is {thing} {direction} {other}",
@@ -263,7 +286,7 @@ class DirectionRow(AnswerRow, frozen=True, kw_only=True):
         "on which side of {other} is {thing}",
         "what is {direction} {other} seen from {viewer} {frame=viewer}",
         "what is {direction} {other} on the map {frame=map}",
-    )
+    ),
 )
 def direction_of(
     kb: QuestionContext,
@@ -294,8 +317,6 @@ def direction_of(
         direction_of milk_carton_1 other=milk_carton_2
         direction_of other=table direction=left frame=viewer viewer_pose='0 1.5 1.6'
     """
-    if thing is None and other is None:
-        return
     for bodies in placed_states(present, map):
         yield from _directions_in(bodies, thing, other, Viewpoint.find(bodies, viewer, viewer_pose), frame)
 
@@ -316,7 +337,7 @@ def _directions_in(
     for each, headings, known in _frames(bodies, others, view):
         if frame in {None, each}:
             for direction, (holds, angle) in directions(offsets, headings).items():
-                named = _seen_from_viewer(direction) if each is ReferenceFrame.VIEWER else direction
+                named = _SEEN_FROM_VIEWER.get(direction, direction) if each is ReferenceFrame.VIEWER else direction
                 for at in order[(holds & known)[order]].tolist():
                     yield DirectionRow(
                         thing=bodies.iri(things[at]),
@@ -349,11 +370,6 @@ def _frames(
     yield ReferenceFrame.MAP, np.zeros(len(others)), everywhere
 
 
-def _seen_from_viewer(direction: Direction) -> Direction:
-    """What lies farther along the view is behind; left and right are those of the view."""
-    return {Direction.FRONT: Direction.BEHIND, Direction.BEHIND: Direction.FRONT}.get(direction, direction)
-
-
 def _is_beside(placed: BodyBoxes, fixed: int, free: Indices) -> NDArray[np.bool_]:
     gap = np.maximum(placed.low[free, 2] - placed.high[fixed, 2], placed.low[fixed, 2] - placed.high[free, 2])
     prints = footprints(placed.boxes)
@@ -379,21 +395,18 @@ def _explain_direction(kb: QuestionContext, row: DirectionRow) -> Iterator[str]:
 
 
 @direction_of.missing
+@unless_bodies_are_missing("thing", "other", "viewer")
 def _missing_direction(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.thing is None and asked.other is None:
-        yield missing_arguments("give thing or other: the directions of all pairs of bodies are not listed")
-        return
-    if asked.frame is ReferenceFrame.VIEWER and asked.viewer is None and asked.viewer_pose is None:
+    frame = asked.plain("frame", ReferenceFrame)
+    if frame is ReferenceFrame.VIEWER and asked.viewer is None and asked.viewer_pose is None:
         yield missing_arguments("the frame viewer needs a viewer: give viewer or viewer_pose")
         return
-    found = list(missing_bodies(kb, (asked.thing, asked.other, asked.viewer), asked.map, asked.present))
-    yield from found
-    if not found and asked.thing is not None and asked.other is not None:
+    if asked.thing is not None and asked.other is not None:
         rows = [
             row
             for bodies in placed_states(asked.present, asked.map)
             for row in _directions_in(
-                bodies, asked.thing, asked.other, Viewpoint.find(bodies, asked.viewer, asked.viewer_pose), asked.frame
+                bodies, asked.thing, asked.other, Viewpoint.find(bodies, asked.viewer, asked.viewer_pose), frame
             )
         ]
         where = ", ".join(f"{row.direction} in the frame {row.frame}" for row in rows)
@@ -436,6 +449,7 @@ class DistanceRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="thing or other: the distances of all pairs of bodies are not listed",
     sentences=(
         "how far is {thing} [away] from {other}",
         "how far apart are {thing} and {other}",
@@ -443,7 +457,7 @@ class DistanceRow(AnswerRow, frozen=True, kw_only=True):
         "how close is {thing} to {other}",
         "how far is it from {thing} to {other}",
         "how far from {thing} is {other}",
-    )
+    ),
 )
 def distance(
     kb: QuestionContext,
@@ -462,8 +476,6 @@ def distance(
         distance milk_carton_1 table
         distance other=fridge
     """
-    if thing is None and other is None:
-        return
     for bodies in placed_states(present, map):
         pairs = bodies.pairs(thing, other)
         if pairs is None:
@@ -496,14 +508,9 @@ def _explain_distance(kb: QuestionContext, row: DistanceRow) -> Iterator[str]:
 
 
 @distance.missing
+@unless_bodies_are_missing("thing", "other")
 def _missing_distance(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.thing is None and asked.other is None:
-        yield missing_arguments("give thing or other: the distances of all pairs of bodies are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.other), asked.map, asked.present))
-    yield from found
-    if not found:
-        yield from _not_comparable(kb, (asked.thing, asked.other), asked.map, asked.present)
+    yield from _not_comparable(kb, (asked.thing, asked.other), asked.map, asked.present)
 
 
 def _not_comparable(
@@ -548,6 +555,7 @@ class NeighborRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="thing or position: the neighbors of all bodies are not listed",
     sentences=(
         "what is (nearest|closest) to {thing}",
         "(what|which) is the (nearest|closest) {cls} to {thing}",
@@ -557,7 +565,7 @@ class NeighborRow(AnswerRow, frozen=True, kw_only=True):
         "what are the {count} (nearest|closest) (things|objects) to {thing}",
         "which {count} {cls} are (nearest|closest) to {thing}",
         "what is (nearest|closest) to the position {position}",
-    )
+    ),
 )
 def nearest(
     kb: QuestionContext,
@@ -581,8 +589,6 @@ def nearest(
         nearest table cls=Chair-PieceOfFurniture count=3
         nearest position='0 0 1' cls=Cup
     """
-    if thing is None and position is None:
-        return
     limit = 1 if count is None else count
     for bodies in placed_states(present, map):
         yield from _neighbors(kb, bodies, thing, position, cls, limit)
@@ -634,17 +640,13 @@ def _explain_neighbor(kb: QuestionContext, row: NeighborRow) -> Iterator[str]:
 
 
 @nearest.missing
+@unless_bodies_are_missing("thing", "other")
 def _missing_neighbor(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.thing is None and asked.position is None:
-        yield missing_arguments("give thing or position: the neighbors of all bodies are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.other), asked.map, asked.present))
-    yield from found
-    if found:
-        return
     start = local_name(asked.thing) if asked.thing is not None else "the position"
     if asked.other is not None:
-        yield _missing_rank(kb, asked.thing, asked.other, asked.cls, asked.count or 1, start, asked.map, asked.present)
+        yield _missing_rank(
+            kb, asked.thing, asked.other, asked.cls, asked.plain("count", int) or 1, start, asked.map, asked.present
+        )
     else:
         kind = f"of class {local_name(asked.cls)} " if asked.cls is not None else ""
         reason = f"no other body {kind}with a pose and a size is where {start} is"
@@ -705,11 +707,12 @@ class BetweenRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="one and other: the bodies between all pairs of bodies are not listed",
     sentences=(
         "what (is|stands|lies) between {one} and {other}",
         "is {thing} between {one} and {other}",
         "which {thing} is between {one} and {other}",
-    )
+    ),
 )
 def is_between(
     kb: QuestionContext,
@@ -763,24 +766,16 @@ def _explain_between(kb: QuestionContext, row: BetweenRow) -> Iterator[str]:
 
 
 @is_between.missing
+@unless_bodies_are_missing("thing", "one", "other")
 def _missing_between(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.one is None or asked.other is None:
-        yield missing_arguments("give one and other: the bodies between all pairs of bodies are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.one, asked.other), asked.map, asked.present))
-    yield from found
-    if not found:
-        what = local_name(asked.thing) if asked.thing is not None else "no other body"
-        ends = f"{local_name(asked.one)} and {local_name(asked.other)}"
-        reason = f"{what} is {'not ' if asked.thing is not None else ''}between {ends}"
-        reason += ": half of a footprint and half of a height must be"
-        claims = body_claims((asked.thing, asked.one, asked.other), asked.present.states(asked.map), asked.map)
-        if asked.one != asked.other:
-            claims += (
-                Claim(
-                    kind=ClaimKind.NOT_BETWEEN, subject=asked.thing, object=asked.one, other=asked.other, map=asked.map
-                ),
-            )
-        else:
-            reason = f"nothing is between {local_name(asked.one)} and itself"
-        yield MissingKnowledge(THING, HAS_POSE, reason, claims=claims)
+    one, other = asked.needed("one"), asked.needed("other")
+    what = local_name(asked.thing) if asked.thing is not None else "no other body"
+    ends = f"{local_name(one)} and {local_name(other)}"
+    reason = f"{what} is {'not ' if asked.thing is not None else ''}between {ends}"
+    reason += ": half of a footprint and half of a height must be"
+    claims = body_claims((asked.thing, one, other), asked.present.states(asked.map), asked.map)
+    if one != other:
+        claims += (Claim(kind=ClaimKind.NOT_BETWEEN, subject=asked.thing, object=one, other=other, map=asked.map),)
+    else:
+        reason = f"nothing is between {local_name(one)} and itself"
+    yield MissingKnowledge(THING, HAS_POSE, reason, claims=claims)

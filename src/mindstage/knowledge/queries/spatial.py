@@ -320,7 +320,11 @@ def _missing_articulated_part(kb: QuestionContext, asked: AskedArguments) -> Ite
         if asked.part is not None and not any(row.part == asked.part for row in rows):
             claims += _unmoved_claims(kb, world_states, asked.part, asked.map)
         yield MissingKnowledge(_CONTAINER, CHILD, why, claims=claims)
-    elif asked.state is OpenState.OPEN and world_states and all(each.joint_positions is None for each in world_states):
+    elif (
+        asked.plain("state", OpenState) is OpenState.OPEN
+        and world_states
+        and all(each.joint_positions is None for each in world_states)
+    ):
         why = "joint positions are unknown: without an engine that measures them, all is closed as in the maps"
         claims = body_claims((asked.thing, asked.part), world_states, asked.map)
         yield MissingKnowledge(_CONTAINER, _STATE_PROPERTY, why, claims=claims)

@@ -240,15 +240,14 @@ def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator
 
 @class_properties.missing
 def _missing_property(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
+    value = asked.plain("value", str)
     owner = f"neither {local_name(asked.cls)} nor an ancestor of it" if asked.cls else "no class"
     what = "a restriction on its members"
-    if asked.property or asked.value:
-        what = (
-            f"{local_name(asked.property) if asked.property else '…'} {local_name(asked.value) if asked.value else '…'}"
-        )
-    within = _expression_with(kb, asked.cls, asked.property, asked.value) if asked.value else None
+    if asked.property or value:
+        what = f"{local_name(asked.property) if asked.property else '…'} {local_name(value) if value else '…'}"
+    within = _expression_with(kb, asked.cls, asked.property, value) if value else None
     hint = f"; {within} names it in an expression" if within else ""
-    claim = Claim(kind=ClaimKind.NO_STATED_RESTRICTION, subject=asked.cls, property=asked.property, object=asked.value)
+    claim = Claim(kind=ClaimKind.NO_STATED_RESTRICTION, subject=asked.cls, property=asked.property, object=value)
     yield MissingKnowledge(
         asked.cls or THING, asked.property or SUBCLASS_OF, f"{owner} has {what}{hint}", claims=(claim,)
     )

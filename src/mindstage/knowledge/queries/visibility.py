@@ -19,9 +19,8 @@ from mindstage.knowledge.queries.proximity import (
     PlacedBodies,
     Viewpoint,
     missing_about,
-    missing_arguments,
-    missing_bodies,
     placed_states,
+    unless_bodies_are_missing,
 )
 from mindstage.knowledge.queries.spatial import body_claims
 from mindstage.knowledge.questions import (
@@ -91,6 +90,7 @@ class VisibilityRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="viewer or viewer_pose: a view begins somewhere",
     sentences=(
         "what is visible from {viewer}",
         "what can be seen from {viewer}",
@@ -102,7 +102,7 @@ class VisibilityRow(AnswerRow, frozen=True, kw_only=True):
         "from where is {thing} visible",
         "what hides {thing} from {viewer}",
         "what is visible from the position {viewer_pose}",
-    )
+    ),
 )
 def visible_from(
     kb: QuestionContext,
@@ -125,8 +125,6 @@ def visible_from(
         visible_from plate_3 viewer_pose='0 0 1.6'
         visible_from viewer=chair_1
     """
-    if viewer is None and viewer_pose is None:
-        return
     for bodies in placed_states(present, map):
         view = Viewpoint.find(bodies, viewer, viewer_pose)
         if view is not None and (thing is None or bodies.row_of(thing) is not None):
@@ -171,13 +169,9 @@ def _explain_visibility(kb: QuestionContext, row: VisibilityRow) -> Iterator[str
 
 
 @visible_from.missing
+@unless_bodies_are_missing("thing", "viewer")
 def _missing_visibility(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.viewer is None and asked.viewer_pose is None:
-        yield missing_arguments("give viewer or viewer_pose: a view begins somewhere")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.viewer), asked.map, asked.present))
-    yield from found
-    if found or asked.thing is None:
+    if asked.thing is None:
         return
     for bodies in placed_states(asked.present, asked.map):
         view = Viewpoint.find(bodies, asked.viewer, asked.viewer_pose)
@@ -231,12 +225,13 @@ class FitRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="thing or place: all pairs of bodies are not listed",
     sentences=(
         "(does|can|would) {thing} fit {relation} {place}",
         "(what|which {thing}) fits {relation} {place}",
         "where does {thing} fit",
         "is {place} large enough for {thing} {relation=into}",
-    )
+    ),
 )
 def fits(
     kb: QuestionContext,
@@ -258,8 +253,6 @@ def fits(
         fits milk_carton_1 into fridge
         fits place=drawer_left_1
     """
-    if thing is None and place is None:
-        return
     for bodies in placed_states(present, map):
         things = _given_rows(bodies, thing)
         surfaces = {row: list(_spaces(kb, bodies, row)) for row in _given_rows(bodies, place)}
@@ -330,25 +323,18 @@ def _explain_fit(kb: QuestionContext, row: FitRow) -> Iterator[str]:
 
 
 @fits.missing
+@unless_bodies_are_missing("thing", "place")
 def _missing_fit(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.thing is None and asked.place is None:
-        yield missing_arguments("give thing or place: all pairs of bodies are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.place), asked.map, asked.present))
-    yield from found
-    if not found:
-        what = local_name(asked.thing) if asked.thing is not None else "nothing"
-        where = (
-            f"{asked.relation or 'onto or into'} {local_name(asked.place) if asked.place is not None else 'anything'}"
-        )
-        verb = "fits" if asked.thing is None else "does not fit"
-        reason = f"{what} {verb} {where}, by the known surfaces and sizes"
-        if asked.thing is not None and asked.thing == asked.place:
-            reason = f"{what} cannot be put onto or into itself"
-        claims = body_claims((asked.thing, asked.place), asked.present.states(asked.map), asked.map)
-        if asked.thing is not None and asked.place not in {None, asked.thing} and asked.relation is None:
-            claims += (Claim(kind=ClaimKind.NOT_FITTING, subject=asked.thing, object=asked.place, map=asked.map),)
-        yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
+    what = local_name(asked.thing) if asked.thing is not None else "nothing"
+    where = f"{asked.relation or 'onto or into'} {local_name(asked.place) if asked.place is not None else 'anything'}"
+    verb = "fits" if asked.thing is None else "does not fit"
+    reason = f"{what} {verb} {where}, by the known surfaces and sizes"
+    if asked.thing is not None and asked.thing == asked.place:
+        reason = f"{what} cannot be put onto or into itself"
+    claims = body_claims((asked.thing, asked.place), asked.present.states(asked.map), asked.map)
+    if asked.thing is not None and asked.place not in {None, asked.thing} and asked.relation is None:
+        claims += (Claim(kind=ClaimKind.NOT_FITTING, subject=asked.thing, object=asked.place, map=asked.map),)
+    yield MissingKnowledge(THING, _SIZE_PROPERTY, reason, claims=claims)
 
 
 # -- free places -------------------------------------------------------------------------------------------------------
@@ -374,6 +360,7 @@ class FreePlaceRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
+    needs="support, and thing or cls: the places for all things are not listed",
     sentences=(
         "where is [there] [free] (room|space) for {thing} [{relation} {support}]",
         "is there [free] (room|space) for {thing} {relation} {support}",
@@ -384,7 +371,7 @@ class FreePlaceRow(AnswerRow, frozen=True, kw_only=True):
         "where can i place another {cls} {relation} {support}",
         "is there [free] (room|space) for another {cls} {relation} {support}",
         "where is there [free] (room|space) for another {cls} {relation} {support}",
-    )
+    ),
 )
 def free_place(
     kb: QuestionContext,
@@ -408,7 +395,7 @@ def free_place(
         free_place milk_carton_1 onto table
         free_place support=counter_left cls=Cup count=2
     """
-    if support is None or (thing is None and cls is None):
+    if support is None:
         return
     limit = 1 if count is None else count
     for bodies in placed_states(present, map):
@@ -495,28 +482,23 @@ def _explain_place(kb: QuestionContext, row: FreePlaceRow) -> Iterator[str]:
 
 
 @free_place.missing
+@unless_bodies_are_missing("thing", "support")
 def _missing_place(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    if asked.support is None or (asked.thing is None and asked.cls is None):
-        yield missing_arguments("give support, and thing or cls: the places for all things are not listed")
-        return
-    found = list(missing_bodies(kb, (asked.thing, asked.support), asked.map, asked.present))
-    yield from found
-    if found:
-        return
     if asked.thing is None and asked.cls is not None and kb.shape_rule(asked.cls).size is None:
         reason = f"the size of a {local_name(asked.cls)} is unknown: assert typicalSize of it, or give a thing"
         claim = Claim(kind=ClaimKind.NO_STATEMENT, subject=asked.cls, property=ms("typicalSize"))
         claims = (claim, *body_claims((asked.support,), asked.present.states(asked.map), asked.map))
         yield MissingKnowledge(asked.cls, ms("typicalSize"), reason, claims=claims)
         return
+    support = asked.needed("support")
     for bodies in placed_states(asked.present, asked.map):
-        item, row = _item(kb, bodies, asked.thing, asked.cls), bodies.row_of(asked.support)
+        item, row = _item(kb, bodies, asked.thing, asked.cls), bodies.row_of(support)
         if item is not None and row is not None:
-            reasons = _free_places(bodies, item, row, asked.thing, asked.relation, 1)[1]
+            reasons = _free_places(bodies, item, row, asked.thing, asked.plain("relation", PlaceRelation), 1)[1]
             why = "; ".join(dict.fromkeys(reasons)) or "it has no level support surface there"
             wanted = local_name(asked.thing or asked.cls or "")
-            text = f"{individual_text(kb.reasoner, asked.support)} has no free place for {wanted}: {why}"
-            yield missing_about(kb, asked.support, text, asked.thing, present=asked.present, map=asked.map)
+            text = f"{individual_text(kb.reasoner, support)} has no free place for {wanted}: {why}"
+            yield missing_about(kb, support, text, asked.thing, present=asked.present, map=asked.map)
 
 
 # -- liquids -----------------------------------------------------------------------------------------------------------
@@ -630,16 +612,14 @@ def _explain_liquid(kb: QuestionContext, row: LiquidContainerRow) -> Iterator[st
 
 
 @can_hold_liquid.missing
+@unless_bodies_are_missing("thing")
 def _missing_liquid(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    found = list(missing_bodies(kb, (asked.thing,), asked.map, asked.present))
-    yield from found
-    if found:
-        return
+    basis = asked.plain("basis", LiquidBasis)
     what = individual_text(kb.reasoner, asked.thing) if asked.thing is not None else "nothing here"
     cls = kb.reasoner.class_of(asked.thing) if asked.thing is not None else None
     verb = "is no" if asked.thing is not None else "is a"
     what = f"{what} {verb} container for liquids"
-    if asked.basis is not LiquidBasis.SHAPE:
+    if basis is not LiquidBasis.SHAPE:
         reason = f"{what} by its class: no {local_name(_CONTAINER_FOR)} names a liquid"
         claims = tuple(
             Claim(kind=ClaimKind.NO_NARROWER_RESTRICTION, subject=own, property=_CONTAINER_FOR, object=liquid)
@@ -648,7 +628,7 @@ def _missing_liquid(kb: QuestionContext, asked: AskedArguments) -> Iterator[Miss
         )
         claims += body_claims((asked.thing,), asked.present.states(asked.map), asked.map)
         yield MissingKnowledge(cls or _CONTAINER, _CONTAINER_FOR, reason, claims=claims)
-    if asked.basis is not LiquidBasis.CLASS:
+    if basis is not LiquidBasis.CLASS:
         known = any(state.geometry for state in asked.present.states(asked.map))
         why = "its shape retains less than 5 ml" if known else "its shape is known to a running simulation only"
         claims = body_claims((asked.thing,), asked.present.states(asked.map), asked.map)

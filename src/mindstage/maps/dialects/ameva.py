@@ -22,14 +22,14 @@ import numpy as np
 from mindstage.maps.dialects.body_boxes import with_body_boxes
 from mindstage.maps.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.maps.dialects.joints import OPEN_ANGLE_RAD, HingeEvidence, InferredAxis, infer_hinge_axis
-from mindstage.maps.dialects.membership import types_of
+from mindstage.maps.dialects.membership import pose_facts, references, types_of
 from mindstage.maps.dialects.semlog import read_semlog, with_tag_properties
 from mindstage.maps.dialects.source_map import Dialect, SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import convert_source_map, is_converted, original_property
 from mindstage.maps.dialects.units import infer_conventions
 from mindstage.maps.rdf_mapping.fields import ClassSizes
 from mindstage.maps.rdf_mapping.nested import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NestedResource
-from mindstage.maps.rdf_mapping.properties import MASS, MESH, QUATERNION, SIZE, TRANSLATION, SubjectWriter
+from mindstage.maps.rdf_mapping.properties import MASS, MESH, QUATERNION, TRANSLATION, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, part_name
 from mindstage.rdf.vocabulary import (
     CHILD,
@@ -37,7 +37,6 @@ from mindstage.rdf.vocabulary import (
     EQUIVALENT_CLASS,
     HAS_ANGULAR,
     HAS_LINEAR,
-    HAS_POSE,
     HAS_VALUE,
     JOINT_CLASSES,
     LINEAR_JOINT,
@@ -112,7 +111,7 @@ class _AmevaJointReader:
         facts = self.graph[joint]
         given = {fact.property for fact in facts}
         self._add(joint, PropertyAssertion(TYPE, IriRef(CONSTRAINT)))
-        ends = _referenced_iris(facts, PARENT), _referenced_iris(facts, CHILD)
+        ends = references(facts, PARENT), references(facts, CHILD)
         if ends[0] and ends[1]:
             base, moving = ends[0][0], ends[1][0]
         else:
@@ -235,26 +234,15 @@ class _AmevaJointReader:
 
     def _observe(self, iri: Iri) -> ObservedBox | None:
         facts = self.graph.get(iri, ())
-        for fact in facts:
-            if fact.property != HAS_POSE:
-                continue
-            inner: Sequence[PropertyAssertion] = ()
-            if isinstance(fact.value, IriRef):
-                inner = self.graph.get(fact.value.iri, ())
-            elif isinstance(fact.value, BlankNode):
-                inner = fact.value.facts
-            position, quaternion = TRANSLATION.first_value(inner), QUATERNION.first_value(inner)
-            if position and quaternion:
-                (x, y, z), (w, i, j, k) = position, quaternion
-                return ObservedBox(Pose((x, y, z), (w, i, j, k)), self._size(facts))
-        return None
+        pose = pose_facts(self.graph, facts) or ()
+        position, quaternion = TRANSLATION.first_value(pose), QUATERNION.first_value(pose)
+        if position is None or quaternion is None:
+            return None
+        (x, y, z), (w, i, j, k) = position, quaternion
+        return ObservedBox(Pose((x, y, z), (w, i, j, k)), self._size(facts))
 
     def _size(self, facts: Sequence[PropertyAssertion]) -> Vector | None:
-        inherited = self.sizes.get(types_of(facts))
-        own = [codec.first_value(facts) for codec in SIZE]
-        depth, width, height = (
-            of_class if value is None else value for value, of_class in zip(own, inherited, strict=True)
-        )
+        depth, width, height = self.sizes.of(facts, types_of(facts))
         return None if depth is None or width is None or height is None else (depth, width, height)
 
     # -- writing -------------------------------------------------------------------------------------------------------
@@ -294,17 +282,13 @@ def _parents(source_map: SourceMap) -> Mapping[Iri, Iri]:
     members = set(source_map.members)
     parents: dict[Iri, Iri] = {}
     for iri in source_map.members:
-        for other in _referenced_iris(source_map.graph[iri], PARENT):
+        for other in references(source_map.graph[iri], PARENT):
             if other in members:
                 parents.setdefault(iri, other)
     for iri in source_map.members:
-        for other in _referenced_iris(source_map.graph[iri], CHILD):
+        for other in references(source_map.graph[iri], CHILD):
             parents.setdefault(other, iri)
     return parents
-
-
-def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[Iri]:
-    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
 
 
 def is_ameva(source_map: SourceMap) -> bool:
@@ -357,7 +341,7 @@ def _class_values(facts: Sequence[PropertyAssertion]) -> Iterator[PropertyAssert
     for fact in facts:
         if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS) and isinstance(fact.value, BlankNode):
             inner = fact.value.facts
-            on = [each.value.iri for each in inner if each.property == ON_PROPERTY and isinstance(each.value, IriRef)]
+            on = references(inner, ON_PROPERTY)
             yield from (PropertyAssertion(on[0], each.value) for each in inner if each.property == HAS_VALUE and on)
         elif fact.property in _CLASS_VALUED:
             yield fact

@@ -23,7 +23,7 @@ import numpy as np
 
 from mindstage.maps.dialects.conventions import SizeFrame, UnitConventions
 from mindstage.maps.dialects.map_statistics import is_constraint
-from mindstage.maps.dialects.membership import types_of
+from mindstage.maps.dialects.membership import pose_facts, references, types_of
 from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import center_poses, pivot_of
 from mindstage.maps.rdf_mapping.fields import ClassSizes, parse_tags
@@ -32,14 +32,13 @@ from mindstage.rdf.graphs import Severity, local_name
 from mindstage.rdf.vocabulary import (
     CHILD,
     GIVEN_SIZES,
-    HAS_POSE,
     JOINT_CLASSES,
     ONTOLOGY,
     PARENT,
     SIZES,
     TAGS_DATA,
 )
-from mindstage.scene import BlankNode, Iri, IriRef, Literal, PropertyAssertion
+from mindstage.scene import Iri, Literal, PropertyAssertion
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, overlapping_pairs
 from mindstage.scene.transforms import Array, normalize, rotation_matrix
 
@@ -137,7 +136,7 @@ def with_body_boxes(source_map: SourceMap, conventions: UnitConventions) -> Sour
 def _stated_pivots(source_map: SourceMap) -> Iterator[tuple[Iri, list[float]]]:
     """Yields the individuals whose pose states a pivot, and the center in the frame of the pivot [m]."""
     for member in source_map.members:
-        pose = _pose_facts(source_map, source_map.graph.get(member, ()))
+        pose = pose_facts(source_map.graph, source_map.graph.get(member, ()))
         pivot = None if pose is None else pivot_of(pose)
         if pivot is not None:
             yield member, [-part for part in pivot]
@@ -211,10 +210,8 @@ def _observe(source_map: SourceMap) -> _Bodies:
     for member in source_map.members:
         facts = source_map.graph.get(member, ())
         types = types_of(facts)
-        inherited = own.get(types)
-        extents = [codec.first_value(facts) for codec in SIZE]
-        size = [of_class if extent is None else extent for extent, of_class in zip(extents, inherited, strict=True)]
-        pose = _pose_facts(source_map, facts)
+        extents, size = [codec.first_value(facts) for codec in SIZE], own.of(facts, types)
+        pose = pose_facts(source_map.graph, facts)
         complete = [extent for extent in size if extent is not None]
         if pose is None or len(complete) < len(SIZE) or is_constraint(types, source_map.hierarchy):
             continue
@@ -235,20 +232,6 @@ def _observe(source_map: SourceMap) -> _Bodies:
         groups=[_Group(specific[types], np.array(at), stated[at[0]]) for types, at in groups.items()],
         links=_links(source_map, rows),
     )
-
-
-def _pose_facts(source_map: SourceMap, facts: Sequence[PropertyAssertion]) -> Sequence[PropertyAssertion] | None:
-    """Returns the statements about the pose of an individual; None if it has none."""
-    for value in (fact.value for fact in facts if fact.property == HAS_POSE):
-        inner: Sequence[PropertyAssertion] = ()
-        if isinstance(value, IriRef):
-            inner = source_map.graph.get(value.iri, ())
-        elif isinstance(value, BlankNode):
-            inner = value.facts
-        position, quaternion = TRANSLATION.first_value(inner), QUATERNION.first_value(inner)
-        if position is not None and quaternion is not None:
-            return inner
-    return None
 
 
 def _add_meshes(source_map: SourceMap, bodies: _Bodies) -> None:
@@ -272,10 +255,7 @@ def _links(source_map: SourceMap, rows: Mapping[Iri, int]) -> Indices:
     found: dict[tuple[int, int], None] = {}
     for member in source_map.members:
         facts = source_map.graph.get(member, ())
-        parents, children = (
-            [fact.value.iri for fact in facts if fact.property == role and isinstance(fact.value, IriRef)]
-            for role in (PARENT, CHILD)
-        )
+        parents, children = references(facts, PARENT), references(facts, CHILD)
         if member in rows:
             pairs = [*((each, member) for each in parents), *((member, each) for each in children)]
         else:
@@ -576,8 +556,10 @@ class _SizeSolver:
         weight = 0.0
         for choice in self.choices:
             absolute, stated = self.absolute[choice.group.rows], choice.group.stated
-            if (absolute == np.rint(absolute)).all(axis=(1, 2)).any() or _is_square(stated):
+            if (absolute == np.rint(absolute)).all(axis=(1, 2)).any():
                 continue
+            if abs(stated[0] - stated[1]) <= 0.01 * stated[:2].max():
+                continue  # two equal horizontal extents, as those of cups, are so in both frames
             (possible if len(choice.boxes) else impossible).append(local_name(choice.group.cls))
             chance = float(np.clip(_chance_of_solution(absolute[0]), 0.02, 0.95))
             if len(boxes_with_bounds(absolute[0], stated)):
@@ -659,11 +641,6 @@ def _unevenness(extents: Array, proportions: Array) -> float:
         return 0.0
     scale = extents / proportions
     return float(np.ptp(scale) / max(scale.max(), 1e-12))
-
-
-def _is_square(extents: Array) -> bool:
-    """Whether two horizontal extents are equal, as those of cups; they are so in both frames."""
-    return bool(abs(extents[0] - extents[1]) <= 0.01 * extents[:2].max())
 
 
 def _described(choice: _Choice) -> str:

@@ -33,8 +33,8 @@ from mindstage.maps.dialects.joints import (
     joint_from_axis,
     opening_range,
 )
-from mindstage.maps.dialects.membership import types_of
-from mindstage.maps.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
+from mindstage.maps.dialects.membership import node_facts, references, types_of
+from mindstage.maps.dialects.normalize import DialectNormalizer, abbreviated_names
 from mindstage.maps.dialects.poses import MatrixPose, NumberReader, pose_from_matrix, resolve_pose_frames
 from mindstage.maps.dialects.semlog import read_semlog
 from mindstage.maps.dialects.serialize import SubjectBlock
@@ -65,7 +65,7 @@ from mindstage.rdf.vocabulary import (
     knowrob,
     xsd,
 )
-from mindstage.scene import BlankNode, Body, FactValue, Iri, IriRef, Literal, Pose, PropertyAssertion, World
+from mindstage.scene import Body, FactValue, Iri, IriRef, Literal, Pose, PropertyAssertion, World
 from mindstage.scene.joint_kinematics import ObservedBox
 from mindstage.scene.transforms import Array, normalized_pose_array, rotation_matrix
 
@@ -124,7 +124,7 @@ class PerceivedPoses:
             self._collect(facts)
 
     def _collect(self, facts: Sequence[PropertyAssertion]) -> None:
-        seen = [fact.value.iri for fact in facts if fact.property == OBJECT_ACTED_ON and isinstance(fact.value, IriRef)]
+        seen = references(facts, OBJECT_ACTED_ON)
         if not seen:
             return
         at = max((_time_of(fact.value) for fact in facts if fact.property == START_TIME), default=-np.inf)
@@ -147,7 +147,7 @@ class PerceivedPoses:
         found: list[tuple[float, ...]] = []
         for individual in individuals:
             for perception in self.perceptions_of(individual)[:1]:
-                pose = _pose_from_facts(self._facts(perception.pose_node), QuaternionOrder.WXYZ)
+                pose = _pose_from_facts(node_facts(self._graph, perception.pose_node), QuaternionOrder.WXYZ)
                 if pose is not None:
                     found.append(pose.quaternion)
         return found
@@ -165,7 +165,7 @@ class PerceivedPoses:
         return None
 
     def _parse_pose(self, node: FactValue) -> MatrixPose | str:
-        facts = self._facts(node)
+        facts = node_facts(self._graph, node)
         name = local_name(node.iri) if isinstance(node, IriRef) else "its matrix"
         if not facts:
             return f"{name} is not described anywhere"
@@ -192,11 +192,6 @@ class PerceivedPoses:
             matrix[index] = number
         return pose_from_matrix(matrix)
 
-    def _facts(self, value: FactValue) -> list[PropertyAssertion]:
-        if isinstance(value, BlankNode):
-            return list(value.facts)
-        return list(self._graph.get(value.iri, ())) if isinstance(value, IriRef) else []
-
 
 def _time_of(value: FactValue) -> float:
     """Returns the time [s] of a date, or of a time point, which KnowRob encodes in its name; -inf if there is none."""
@@ -211,23 +206,27 @@ def _time_of(value: FactValue) -> float:
     return float(seconds[1]) if seconds else -np.inf
 
 
-def _pose_from_facts(facts: list[PropertyAssertion], order: QuaternionOrder) -> Pose | None:
+def _pose_from_facts(facts: Sequence[PropertyAssertion], order: QuaternionOrder) -> Pose | None:
     """Reads a pose given by translation and quaternion, as in the latest maps of this dialect; None if incomplete."""
-    found: dict[Iri, Array] = {}
-    for codec in (codecs.TRANSLATION, codecs.QUATERNION):
-        values = (codec.decode(fact.value) for fact in facts if fact.property == codec.property)
-        value = next((value for value in values if value is not None), None)
-        if value is None:
-            return None
-        found[codec.property] = np.array(value)
-    x, y, z = found[codecs.TRANSLATION.property].tolist()
-    a, b, c, d = found[codecs.QUATERNION.property].tolist()
+    position, quaternion = codecs.TRANSLATION.first_value(facts), codecs.QUATERNION.first_value(facts)
+    if position is None or quaternion is None:
+        return None
+    (x, y, z), (a, b, c, d) = position, quaternion
     w, i, j, k = (d, a, b, c) if order is QuaternionOrder.XYZW else (a, b, c, d)
     return Pose((x, y, z), (w, i, j, k))
 
 
 def _value_text(value: FactValue) -> str:
     return repr(value.text) if isinstance(value, Literal) else "a resource"
+
+
+def _numbers(normalizer: DialectNormalizer, individual: Iri, property: Iri) -> list[float]:
+    texts = (codecs.literal_text(value) or "" for value in normalizer.values(individual, property))
+    return [number for number in map(codecs.parse_number, texts) if number is not None]
+
+
+def _lengths(normalizer: DialectNormalizer, individual: Iri) -> list[float | None]:
+    return [next(iter(_numbers(normalizer, individual, codec.property)), None) for codec in codecs.SIZE]
 
 
 def find_joints(normalizer: DialectNormalizer) -> Mapping[Iri, JointType | None]:
@@ -284,13 +283,7 @@ class _Knowrob1JointReader:
             self.normalizer.add_joint(
                 joint, parent, child, self._joint_limits(joint, joint_type or JointType.FIXED, *ends), name=joint
             )
-        for attribute, joints in self.inferred.items():
-            evidence = f"{len(joints)} joints do not give it, such as {abbreviated_names(joints)}"
-            if self.evidence:
-                evidence += f"; {abbreviated_texts(self.evidence)}"
-            self.normalizer.source_map.record_assumption(
-                f"joints: {attribute}", "inferred from poses and sizes", evidence
-            )
+        self.normalizer.record_inferred(self.inferred, self.evidence)
 
     # -- connected bodies ----------------------------------------------------------------------------------------------
 
@@ -348,7 +341,7 @@ class _Knowrob1JointReader:
             for attribute, given in (("position", origin), ("axis", axis)):
                 if given is None:
                     self.inferred.setdefault(attribute, []).append(joint)
-        boxes = self._box(parent), self._box(child), self._find_handle(child)
+        boxes = self.normalizer.box(parent), self.normalizer.box(child), self._find_handle(child)
         if joint_type is JointType.REVOLUTE:
             inferred, conflicts = infer_hinge_axis(
                 HingeEvidence(
@@ -359,8 +352,8 @@ class _Knowrob1JointReader:
                     origin=origin,
                     axis=axis,
                     frame=None if pose is None else rotation_matrix(pose[3:]).T,
-                    radius=next(iter(self._numbers(joint, _TURN_RADIUS)), None),
-                    class_names=self._class_names(parent, child),
+                    radius=next(iter(_numbers(self.normalizer, joint, _TURN_RADIUS)), None),
+                    class_names=self.normalizer.class_names(parent, child),
                 )
             )
             for conflict in conflicts:
@@ -385,7 +378,7 @@ class _Knowrob1JointReader:
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
         assumed = opening_range(child, inferred, joint_type)
-        given = [next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES]
+        given = [next(iter(_numbers(self.normalizer, joint, property)), None) for property in JOINT_VALUES]
         if joint_type is JointType.PRISMATIC:
             given = [None if value is None else self.number_reader.length(value) for value in given]
         if assumed is None:
@@ -399,23 +392,14 @@ class _Knowrob1JointReader:
         self.normalizer.warn(joint, JOINT_VALUES[given.index(None)], "it has no valid limit", action)
         return assumed
 
-    def _class_names(self, *bodies: Iri) -> list[str]:
-        """Returns the local names of the classes of some bodies and of the superclasses of these."""
-        types = [cls for body in bodies for cls in types_of(self.normalizer.graph.get(body, ()))]
-        above = [upper for cls in types for upper in self.normalizer.source_map.hierarchy.ancestors(cls)]
-        return [local_name(cls) for cls in (*types, *above)]
-
     def _range(self, joint: Iri, joint_type: JointType) -> JointRange:
         """Returns the range that a joint gives, or None."""
         if joint_type not in (JointType.REVOLUTE, JointType.PRISMATIC):
             return None
-        lower, upper = (next(iter(self._numbers(joint, property)), None) for property in JOINT_VALUES)
+        lower, upper = (next(iter(_numbers(self.normalizer, joint, property)), None) for property in JOINT_VALUES)
         if lower is None or upper is None:
             return None
-        if lower > upper:
-            problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
-            self.normalizer.warn(joint, JOINT_VALUES[0], problem, "the two are swapped")
-            lower, upper = upper, lower
+        lower, upper = self.normalizer.ordered_limits(joint, JOINT_VALUES[0], lower, upper)
         if joint_type is JointType.PRISMATIC:
             lower, upper = self.number_reader.lengths((lower, upper))
         return lower, upper
@@ -429,9 +413,7 @@ class _Knowrob1JointReader:
 
     def _axis(self, joint: Iri) -> Array | None:
         for value in self.normalizer.values(joint, _DIRECTION):
-            facts = value.facts if isinstance(value, BlankNode) else ()
-            if isinstance(value, IriRef):
-                facts = tuple(self.normalizer.graph.get(value.iri, ()))
+            facts = node_facts(self.normalizer.graph, value)
             vector = [
                 next(
                     (codecs.parse_number(codecs.literal_text(f.value) or "") for f in facts if f.property == part), None
@@ -446,22 +428,13 @@ class _Knowrob1JointReader:
             )
         return None
 
-    def _numbers(self, joint: Iri, property: Iri) -> list[float]:
-        numbers = (
-            codecs.parse_number(codecs.literal_text(value) or "") for value in self.normalizer.values(joint, property)
-        )
-        return [number for number in numbers if number is not None]
-
-    def _box(self, body: Iri) -> ObservedBox:
-        return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
-
     def _find_handle(self, child: Iri) -> ObservedBox | None:
         """Returns what a child is most likely pulled by: a handle, its knobs, or for a drawer possibly its door."""
         parts = [part for part in self.parts[child] if part not in self.joints]
         for word in ("Handle", "Knob"):
             if named := [part for part in parts if self.normalizer.class_name_contains(part, word)]:
-                return _mean_box([self._box(part) for part in named])
-        return self._box(parts[0]) if parts else None
+                return _mean_box([self.normalizer.box(part) for part in named])
+        return self.normalizer.box(parts[0]) if parts else None
 
 
 def _mean_box(boxes: Sequence[ObservedBox]) -> ObservedBox:
@@ -540,7 +513,7 @@ def _has_pose(source_map: SourceMap, individual: Iri) -> bool:
 
 def _decide_conventions(normalizer: DialectNormalizer, individuals: list[Iri], number_reader: NumberReader) -> None:
     """Decides units and quaternion order by the numbers of individuals: m and w x y z unless ruled out."""
-    lengths = {each: [_read_length(normalizer, each, axis) for axis in range(3)] for each in individuals}
+    lengths = {each: _lengths(normalizer, each) for each in individuals}
     sizes = {each: [x for x in row if x is not None] for each, row in lengths.items() if None not in row}
     number_reader.consider_units(guess_units(normalizer.source_map, sizes))
     if quaternions := PerceivedPoses(normalizer.source_map.graph).quaternions(individuals):
@@ -572,7 +545,7 @@ def _set_sizes(normalizer: DialectNormalizer, number_reader: NumberReader) -> No
     """Adds the sizes of individuals; the sign of a length, which may encode the direction of an axis, is dropped."""
     negative = []
     for individual in normalizer.poses:
-        lengths = [_read_length(normalizer, individual, number) for number in range(3)]
+        lengths = _lengths(normalizer, individual)
         if any(length is not None and length < 0.0 for length in lengths):
             negative.append(individual)
         normalizer.set_size(individual, [None if each is None else abs(number_reader.length(each)) for each in lengths])
@@ -581,14 +554,6 @@ def _set_sizes(normalizer: DialectNormalizer, number_reader: NumberReader) -> No
             f"{len(negative)} of {len(normalizer.poses)} bodies have a negative length: {abbreviated_names(negative)}"
         )
         normalizer.source_map.record_assumption("negative lengths", "their absolute values", evidence)
-
-
-def _read_length(normalizer: DialectNormalizer, individual: Iri, axis: int) -> float | None:
-    for value in normalizer.values(individual, codecs.SIZE[axis].property):
-        length = codecs.parse_number(codecs.literal_text(value) or "")
-        if length is not None:
-            return length
-    return None
 
 
 def _part_pairs(normalizer: DialectNormalizer) -> Iterator[tuple[Iri, Iri]]:
@@ -602,8 +567,6 @@ def _part_pairs(normalizer: DialectNormalizer) -> Iterator[tuple[Iri, Iri]]:
 
 def _attach_parts(normalizer: DialectNormalizer) -> None:
     """Attaches parts and connected bodies, unless a joint lets them move."""
-    attached = {child for member in normalizer.members for child in normalizer.references(member, CHILD)}
-    attached |= {member for member in normalizer.members if normalizer.references(member, PARENT)}
     pairs = dict.fromkeys((whole, part) for part, whole in _part_pairs(normalizer))
     for member in normalizer.members:
         for property in CONNECTIONS:
@@ -616,9 +579,7 @@ def _attach_parts(normalizer: DialectNormalizer) -> None:
                 ):
                     problem = f"it is connected to {local_name(other)}, but no joint gives their motion"
                     normalizer.warn(member, property, problem, "they are attached rigidly")
-    for whole, part in pairs:
-        if normalizer.can_attach(whole, part) and part not in attached:
-            normalizer.attach(whole, part)
+    normalizer.attach_loose(pairs)
 
 
 KNOWROB1 = Dialect("KnowRob 1", is_knowrob1, read_knowrob1, order=10)

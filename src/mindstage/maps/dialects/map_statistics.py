@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from mindstage.maps.dialects.membership import types_of
+from mindstage.maps.dialects.membership import references, types_of
 from mindstage.rdf.graphs import Graph
 from mindstage.rdf.taxonomy import ClassHierarchy
 from mindstage.rdf.vocabulary import CHILD, CONSTRAINT, OWL, PARENT, RDFS
-from mindstage.scene import Iri, IriRef, PropertyAssertion
+from mindstage.scene import Iri, PropertyAssertion
 
 __all__ = ["MapStatistics", "is_constraint", "map_statistics"]
 
@@ -44,7 +44,8 @@ def map_statistics(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: Cl
     relations = {
         pair for member in objects for pair in _relation_pairs(member, graph[member]) if objects.issuperset(pair)
     }
-    relations |= {pair for member in constraints for pair in _endpoint_pairs(graph[member])}
+    for facts in (graph[member] for member in constraints):
+        relations |= set(zip(references(facts, PARENT)[:1], references(facts, CHILD)[:1], strict=False))
     return MapStatistics(
         map=map,
         classes=len(asserted),
@@ -56,13 +57,5 @@ def map_statistics(map: Iri, graph: Graph, members: Sequence[Iri], hierarchy: Cl
 
 
 def _relation_pairs(member: Iri, facts: Sequence[PropertyAssertion]) -> Iterator[tuple[Iri, Iri]]:
-    yield from ((parent, member) for parent in _referenced_iris(facts, PARENT))
-    yield from ((member, child) for child in _referenced_iris(facts, CHILD))
-
-
-def _endpoint_pairs(facts: Sequence[PropertyAssertion]) -> Set[tuple[Iri, Iri]]:
-    return set(zip(_referenced_iris(facts, PARENT)[:1], _referenced_iris(facts, CHILD)[:1], strict=False))
-
-
-def _referenced_iris(facts: Sequence[PropertyAssertion], property: Iri) -> list[Iri]:
-    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
+    yield from ((parent, member) for parent in references(facts, PARENT))
+    yield from ((member, child) for child in references(facts, CHILD))

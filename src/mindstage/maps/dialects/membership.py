@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
+from mindstage.maps.rdf_mapping.properties import QUATERNION, TRANSLATION
 from mindstage.rdf.graphs import FindingSink, Graph, Severity, local_name, namespace_of
 from mindstage.rdf.vocabulary import (
     CHILD,
@@ -19,6 +20,7 @@ from mindstage.rdf.vocabulary import (
     CONSTRAINT,
     DESCRIBED_IN_MAP,
     DIALECT,
+    HAS_POSE,
     NAMED_INDIVIDUAL,
     OBJECT_ACTED_ON,
     ONTOLOGY,
@@ -29,7 +31,7 @@ from mindstage.rdf.vocabulary import (
     TO_WHOLES,
     TYPE,
 )
-from mindstage.scene import Iri, IriRef, PropertyAssertion
+from mindstage.scene import BlankNode, FactValue, Iri, IriRef, PropertyAssertion
 
 __all__ = [
     "MapMembers",
@@ -37,6 +39,9 @@ __all__ = [
     "individuals_by_map",
     "inferred_membership",
     "is_membership",
+    "node_facts",
+    "pose_facts",
+    "references",
     "types_of",
     "with_inferred_membership",
     "without_other_maps",
@@ -55,6 +60,29 @@ def types_of(facts: Iterable[PropertyAssertion]) -> tuple[Iri, ...]:
     """Returns the classes that a resource is declared to have, without `owl:NamedIndividual`."""
     types = [fact.value.iri for fact in facts if fact.property == TYPE and isinstance(fact.value, IriRef)]
     return tuple(cls for cls in types if cls != NAMED_INDIVIDUAL)
+
+
+def references(facts: Iterable[PropertyAssertion], property: Iri) -> list[Iri]:
+    """Returns the resources that some statements with a property refer to."""
+    return [fact.value.iri for fact in facts if fact.property == property and isinstance(fact.value, IriRef)]
+
+
+def node_facts(graph: Graph, value: FactValue) -> Sequence[PropertyAssertion]:
+    """Returns the statements about the resource that a statement refers to; none about a literal."""
+    if isinstance(value, BlankNode):
+        return value.facts
+    return graph.get(value.iri, ()) if isinstance(value, IriRef) else ()
+
+
+def pose_facts(graph: Graph, facts: Iterable[PropertyAssertion]) -> Sequence[PropertyAssertion] | None:
+    """Returns the statements about the first valid pose of an individual; None if it has none.
+
+    Args:
+        graph: the statements of the map.
+        facts: those about the individual.
+    """
+    nodes = (node_facts(graph, fact.value) for fact in facts if fact.property == HAS_POSE)
+    return next((node for node in nodes if TRANSLATION.first_value(node) and QUATERNION.first_value(node)), None)
 
 
 def individuals_by_map(graph: Graph) -> MapMembers:

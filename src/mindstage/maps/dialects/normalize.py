@@ -7,7 +7,7 @@ builds the world from both without loss, and reading the written map gives the s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from typing import Any, TypeVar
@@ -40,6 +40,7 @@ from mindstage.scene import (
     PropertyAssertion,
     World,
 )
+from mindstage.scene.joint_kinematics import ObservedBox
 
 __all__ = ["DialectNormalizer", "abbreviated_names", "abbreviated_texts"]
 
@@ -112,9 +113,13 @@ class DialectNormalizer:
         for fact in writer.all_facts():
             self.add(individual, fact.property, fact.value)
 
-    def attach(self, parent: Iri, child: Iri) -> None:
-        """Attaches a child rigidly to a parent."""
-        self.add(parent, CHILD, IriRef(child))
+    def attach_loose(self, pairs: Iterable[tuple[Iri, Iri]]) -> None:
+        """Attaches parts rigidly to their wholes, unless they are attached already or a joint lets them move."""
+        attached = {child for member in self.members for child in self.references(member, CHILD)}
+        attached |= {member for member in self.members if self.references(member, PARENT)}
+        for whole, part in pairs:
+            if part not in attached and self._can_attach(whole, part):
+                self.add(whole, CHILD, IriRef(part))
 
     def add_joint(self, owner: Iri, parent: Iri, child: Iri, joint: JointLimits, *, name: Iri | None = None) -> None:
         """Adds a joint between two bodies.
@@ -170,10 +175,27 @@ class DialectNormalizer:
         """Returns the IRIs among the values of some properties of a resource."""
         return [value.iri for value in self.values(subject, *properties) if isinstance(value, IriRef)]
 
-    def can_attach(self, parent: Iri, child: Iri) -> bool:
+    def _can_attach(self, parent: Iri, child: Iri) -> bool:
         """Whether both have a pose, and no joint lets the child move."""
         have_poses = parent in self.poses and child in self.poses
         return have_poses and frozenset((parent, child)) not in self.joined_pairs and child not in self.movable
+
+    def class_names(self, *subjects: Iri) -> list[str]:
+        """Returns the local names of the classes of some individuals, then of the superclasses of these."""
+        types = [cls for subject in subjects for cls in types_of(self.graph.get(subject, ()))]
+        above = [upper for cls in types for upper in self.source_map.hierarchy.ancestors(cls)]
+        return [local_name(cls) for cls in (*types, *above)]
+
+    def box(self, body: Iri) -> ObservedBox:
+        """Returns the pose of a body, and its size if that is known."""
+        return ObservedBox(self.poses[body], self.sizes.get(body))
+
+    def ordered_limits(self, joint: Iri, property: Iri, lower: float, upper: float) -> tuple[float, float]:
+        """Returns the limits of a joint in their order; that they are swapped is reported."""
+        if lower > upper:
+            problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
+            self.warn(joint, property, problem, "the two are swapped")
+        return min(lower, upper), max(lower, upper)
 
     def class_name_contains(self, subject: Iri, text: str) -> bool:
         """Whether the local name of one of its classes contains a text."""
@@ -195,6 +217,19 @@ class DialectNormalizer:
                 f"joints let {len(unset)} bodies move, and their mobility is not given: {abbreviated_names(unset)}"
             )
             self.source_map.record_assumption("mobility", "bodies with a joint are dynamic", evidence)
+
+    def record_inferred(self, inferred: Mapping[str, Sequence[Iri]], evidence: Sequence[str], *, of: str = "") -> None:
+        """Records as assumptions what joints do not give.
+
+        Args:
+            inferred: the joints, or what they move, by what they do not give.
+            evidence: from what it was inferred, for each joint.
+            of: what precedes the names, if they are not those of joints.
+        """
+        for attribute, names in inferred.items():
+            listed = f"{len(names)} joints do not give it, such as {of}{abbreviated_names(names)}"
+            text = "; ".join([listed, *([abbreviated_texts(evidence)] if evidence else [])])
+            self.source_map.record_assumption(f"joints: {attribute}", "inferred from poses and sizes", text)
 
     def world(self) -> World:
         """Returns the world that `read_semlog` builds from the normalized map."""

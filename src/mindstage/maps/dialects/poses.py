@@ -65,7 +65,8 @@ def pose_from_matrix(matrix: Array) -> MatrixPose | str:
         repairs.append(("its position is in the last row", "the matrix is transposed"))
         matrix = matrix.T
     if np.any(matrix[3, :3]):
-        repairs.append((f"its last row is {_row_text(matrix[3])}", "the last row is ignored"))
+        last = " ".join(f"{number:g}" for number in matrix[3])
+        repairs.append((f"its last row is {last}", "the last row is ignored"))
     scale = float(matrix[3, 3])
     if scale == 0.0:
         return "its last number, m33, is 0"
@@ -87,10 +88,6 @@ def pose_from_matrix(matrix: Array) -> MatrixPose | str:
         rotation = rotation * np.array([1.0, -1.0, 1.0])
     row = np.concatenate([matrix[:3, 3], quaternion_from_matrix(rotation)])
     return MatrixPose(pose_from_array(row + 0.0), mirrored, tuple(repairs))
-
-
-def _row_text(numbers: Array) -> str:
-    return " ".join(f"{number:g}" for number in numbers)
 
 
 def resolve_pose_frames(

@@ -23,15 +23,14 @@ from mindstage.maps.dialects.joints import (
     opening_range,
 )
 from mindstage.maps.dialects.membership import types_of
-from mindstage.maps.dialects.normalize import DialectNormalizer, abbreviated_names, abbreviated_texts
+from mindstage.maps.dialects.normalize import DialectNormalizer
 from mindstage.maps.dialects.poses import NumberReader
-from mindstage.maps.dialects.soma_nodes import RdfNode, RdfNodes
+from mindstage.maps.dialects.soma_nodes import LENGTH, RADIUS, RdfNode, RdfNodes, extents_of
 from mindstage.maps.dialects.source_map import Dialect, SourceMap
 from mindstage.maps.dialects.units import decide_quaternion_order, guess_units
 from mindstage.maps.rdf_mapping import properties as codecs
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import (
-    CHILD,
     HAS_COLOR,
     HAS_JOINT,
     HAS_LINEAR,
@@ -41,7 +40,6 @@ from mindstage.rdf.vocabulary import (
     HAS_VALUE,
     MATERIAL,
     ON_PROPERTY,
-    PARENT,
     SUBCLASS_OF,
     TO_PARTS,
     TO_WHOLES,
@@ -82,9 +80,7 @@ _REFERENCE_FRAME = (
     *(knowrob("isDescribedRelativeTo"), knowrob("relativeTo"), knowrob("hasReferenceFrame")),
 )
 _COLOR = (soma("hasRGBValue"), soma("hasRGBAValue"), knowrob("hasRGBValue"))
-_RADIUS, _LENGTH, _PATH = soma("hasRadius"), soma("hasLength"), (soma("hasFilePath"), knowrob("pathToCadModel"))
-_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
-_SIZE_PROPERTIES = (_RADIUS, *(property for properties in _EXTENTS for property in properties))
+_PATH = (soma("hasFilePath"), knowrob("pathToCadModel"))
 _PART_RELATIONS = frozenset((*TO_PARTS, *TO_WHOLES))
 
 
@@ -98,7 +94,7 @@ def add_joints(normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: Nu
                 normalizer.warn(owner, HAS_JOINT, "its joint is not described anywhere", "it is kept as a fact")
             elif not node.has(HAS_LINEAR):
                 reader.add_joint(owner, node)
-    reader.report_inferred()
+    normalizer.record_inferred(reader.inferred, reader.evidence, of="those of ")
 
 
 class _SomaJointReader:
@@ -144,16 +140,6 @@ class _SomaJointReader:
         joint = self._joint_limits(node, joint_type or JointType.FIXED, range, parent, child)
         self.normalizer.add_joint(owner, parent, child, joint, name=node.name)
 
-    def report_inferred(self) -> None:
-        """Reports as assumptions what the joints do not give."""
-        for attribute, children in self.inferred.items():
-            evidence = f"{len(children)} joints do not give it, such as those of {abbreviated_names(children)}"
-            if self.evidence:
-                evidence += f"; {abbreviated_texts(self.evidence)}"
-            self.normalizer.source_map.record_assumption(
-                f"joints: {attribute}", "inferred from poses and sizes", evidence
-            )
-
     def _referenced_iri(self, node: RdfNode, properties: Sequence[Iri]) -> Iri | None:
         return next((value.iri for value in node.values(*properties) if isinstance(value, IriRef)), None)
 
@@ -177,10 +163,7 @@ class _SomaJointReader:
             if lower is None or upper is None:
                 self.normalizer.warn(owner, _LIMITS[0], "its limits are not two finite numbers", "they are ignored")
                 continue
-            if lower > upper:
-                problem = f"its lower limit {lower:g} is above its upper limit {upper:g}"
-                self.normalizer.warn(owner, _LOWER[0], problem, "the two are swapped")
-                lower, upper = upper, lower
+            lower, upper = self.normalizer.ordered_limits(owner, _LOWER[0], lower, upper)
             if JointType.PRISMATIC in (_JOINT_TYPES.get(name) for name in self._class_names(node)):
                 lower, upper = self.number_reader.lengths((lower, upper))
             return lower, upper
@@ -198,7 +181,7 @@ class _SomaJointReader:
     def _joint_limits(
         self, node: RdfNode, joint_type: JointType, range: JointRange, parent: Iri, child: Iri
     ) -> JointLimits:
-        base, moving, handle = self._box(parent), self._box(child), self._find_handle(child)
+        base, moving, handle = self.normalizer.box(parent), self.normalizer.box(child), self._find_handle(child)
         origin, axis = self._origin(node, base), self._axis(node, base)
         if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC):
             for attribute, given in (("position", origin), ("axis", axis)):
@@ -212,7 +195,7 @@ class _SomaJointReader:
                     range=range,
                     origin=origin,
                     axis=axis,
-                    class_names=self._class_names_of(parent, child),
+                    class_names=self.normalizer.class_names(parent, child),
                 )
                 inferred, conflicts = infer_hinge_axis(evidence)
                 for conflict in conflicts:
@@ -243,15 +226,10 @@ class _SomaJointReader:
         self.normalizer.warn(owner, _LIMITS[0], "its joint has no limits", action)
         return assumed
 
-    def _class_names_of(self, *bodies: Iri) -> list[str]:
-        """Returns the local names of the classes of some bodies and of the superclasses of these."""
-        types = [cls for body in bodies for cls in types_of(self.normalizer.graph.get(body, ()))]
-        above = [upper for cls in types for upper in self.normalizer.source_map.hierarchy.ancestors(cls)]
-        return [local_name(cls) for cls in (*types, *above)]
-
     def _axis(self, node: RdfNode, base: ObservedBox) -> Array | None:
         """Returns the joint axis in the world frame; as in URDF, the map gives it in the frame of the parent link."""
-        axis = next((row for each in self._with_axis_nodes(node) if len(row := each.numbers(*_AXIS)) == 3), ())
+        holders = (node, *self.nodes.descendants(node, *_AXIS, depth=1))
+        axis = next((row for holder in holders if len(row := holder.numbers(*_AXIS)) == 3), ())
         if not any(axis):
             return None
         return quat_rotate(normalized_pose_array(base.pose)[3:], self.number_reader.direction(axis))
@@ -263,17 +241,11 @@ class _SomaJointReader:
         offset = self.number_reader.direction(self.number_reader.lengths(row))
         return base.center + quat_rotate(normalized_pose_array(base.pose)[3:], offset)
 
-    def _with_axis_nodes(self, node: RdfNode) -> list[RdfNode]:
-        return [node, *self.nodes.descendants(node, *_AXIS, depth=1)]
-
-    def _box(self, body: Iri) -> ObservedBox:
-        return ObservedBox(self.normalizer.poses[body], self.normalizer.sizes.get(body))
-
     def _find_handle(self, child: Iri) -> ObservedBox | None:
         """Returns the part of a child that it is most likely pulled by."""
         parts = [part for part in self.normalizer.references(child, *TO_PARTS) if part in self.normalizer.poses]
         parts.sort(key=lambda part: not self.normalizer.class_name_contains(part, "Handle"))
-        return self._box(parts[0]) if parts else None
+        return self.normalizer.box(parts[0]) if parts else None
 
 
 def is_soma(source_map: SourceMap) -> bool:
@@ -308,6 +280,15 @@ def _lacks_pose(source_map: SourceMap, individual: Iri) -> bool:
     return HAS_LOCALIZATION in given and HAS_POSE not in given
 
 
+def _pose_of(node: RdfNode) -> Pose | None:
+    """Returns the pose in the statements about a node, with its four numbers as given; None without a valid one."""
+    position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
+    if len(position) != 3 or len(rotation) != 4 or not any(rotation):
+        return None
+    (x, y, z), (a, b, c, d) = position, rotation
+    return Pose((x, y, z), (a, b, c, d))
+
+
 class _SomaReader:
     """Adds the poses, sizes, colors and attachments of a map to its normalizer."""
 
@@ -323,7 +304,7 @@ class _SomaReader:
         extents = {
             individual: found
             for individual in individuals
-            if (found := next(filter(any, map(self._extents, self._nodes_of(individual, HAS_SHAPE))), ()))
+            if (found := next(filter(any, map(extents_of, self._nodes_of(individual, HAS_SHAPE))), ()))
         }
         self.number_reader.consider_units(guess_units(self.normalizer.source_map, extents))
         given: list[tuple[float, ...]] = []
@@ -357,10 +338,9 @@ class _SomaReader:
         for node in path:
             if not (node.has(*_POSITION) and node.has(*_ROTATION)):
                 continue
-            position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
-            if len(position) == 3 and len(rotation) == 4 and any(rotation):
-                x, y, z = position
-                return self.number_reader.pose(Pose((x, y, z), self.number_reader.quaternion(rotation))), path
+            if (given := _pose_of(node)) is not None:
+                turned = Pose(given.position, self.number_reader.quaternion(given.quaternion))
+                return self.number_reader.pose(turned), path
             problem = "its pose is not three finite numbers, and four that are not all 0"
             self.normalizer.warn(individual, HAS_LOCALIZATION, problem, "it has no pose")
             return None
@@ -411,11 +391,8 @@ class _SomaReader:
         for member in self.normalizer.members:
             if member not in self.normalizer.poses:
                 for node in self.nodes.descendants(self.nodes.node_named(member), HAS_POSE, depth=1):
-                    position, rotation = node.numbers(*_POSITION), node.numbers(*_ROTATION)
-                    if len(position) == 3 and len(rotation) == 4 and any(rotation):
-                        x, y, z = position
-                        w, i, j, k = rotation
-                        self.normalizer.poses[member] = Pose((x, y, z), (w, i, j, k))
+                    if (given := _pose_of(node)) is not None:
+                        self.normalizer.poses[member] = given
 
     # -- appearance ----------------------------------------------------------------------------------------------------
 
@@ -424,15 +401,15 @@ class _SomaReader:
         shapes = list(self._nodes_of(individual, HAS_SHAPE))
         if not shapes:
             return
-        candidates = ((node, self._extents(node)) for node in shapes)
+        candidates = ((node, extents_of(node)) for node in shapes)
         shape, extents = next((each for each in candidates if each[1]), (None, ()))
         if shape is not None:
             self.normalizer.set_size(individual, self.number_reader.lengths(extents))
             shape_type = PrimitiveType.BOX
-            if shape.has(_RADIUS):
+            if shape.has(RADIUS):
                 shape_type = (
                     PrimitiveType.SPHERE
-                    if extents[0] == extents[2] and not shape.has(_LENGTH)
+                    if extents[0] == extents[2] and not shape.has(LENGTH)
                     else PrimitiveType.CYLINDER
                 )
             if shape_type is not PrimitiveType.BOX and self.normalizer.first_value(individual, codecs.SHAPE) is None:
@@ -445,19 +422,6 @@ class _SomaReader:
         if shape is None and path is None:
             problem = "its shape has no extents of 0 or more, no radius and no mesh"
             self.normalizer.warn(individual, HAS_SHAPE, problem, "it has no size")
-
-    def _extents(self, node: RdfNode) -> tuple[float, ...]:
-        """Returns the extents along x, y and z; empty if one is missing or negative."""
-        if not node.has(*_SIZE_PROPERTIES):
-            return ()
-        radius = node.number(_RADIUS)
-        if radius is not None:
-            length = node.number(_LENGTH, *_EXTENTS[2])
-            extents = [2 * radius, 2 * radius, 2 * radius if length is None else length]
-        else:
-            values = [node.number(*properties) for properties in _EXTENTS]
-            extents = [extent for extent in values if extent is not None]
-        return tuple(extents) if len(extents) == 3 and min(extents) >= 0.0 else ()
 
     def set_color(self, individual: Iri) -> None:
         """Adds the color of an individual as a material."""
@@ -483,8 +447,6 @@ class _SomaReader:
     def attach_parts(self) -> None:
         """Attaches parts to their wholes, unless a joint lets them move."""
         normalizer = self.normalizer
-        attached = {child for member in normalizer.members for child in normalizer.references(member, CHILD)}
-        attached |= {member for member in normalizer.members if normalizer.references(member, PARENT)}
         pairs: dict[tuple[Iri, Iri], Iri] = {}
         for member in normalizer.members:
             for fact in normalizer.graph.get(member, ()):
@@ -497,9 +459,7 @@ class _SomaReader:
                 else:
                     problem = f"{other.iri} is not a body of this map"
                     normalizer.warn(member, property, problem, "the relation is kept as a fact")
-        for whole, part in pairs:
-            if normalizer.can_attach(whole, part) and part not in attached:
-                normalizer.attach(whole, part)
+        normalizer.attach_loose(pairs)
 
 
 SOMA = Dialect("SOMA", is_soma, read_soma, order=20)

@@ -16,7 +16,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from mindstage.maps.dialects.membership import types_of
+from mindstage.maps.dialects.membership import references, types_of
 from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.dialects.unit_conversion import original_property
 from mindstage.maps.rdf_mapping import properties as codecs
@@ -40,7 +40,9 @@ from mindstage.scene import BlankNode, FactValue, Iri, IriRef, Literal, Property
 __all__ = [
     "ARRAY",
     "HAS_COMPONENT",
+    "LENGTH",
     "POSE_6D",
+    "RADIUS",
     "SAME_DIALECT",
     "SPACE_REGION",
     "DualDialectInfo",
@@ -66,6 +68,8 @@ POSE_6D = soma("6DPose")
 HAS_COMPONENT = dul("hasComponent")
 SAME_DIALECT = "same"
 """Value of `ms:dialect` in a map that restates only poses that have changed, in its own dialect."""
+RADIUS, LENGTH = soma("hasRadius"), soma("hasLength")
+_EXTENTS = tuple((soma(name),) for name in ("hasDepth", "hasWidth", "hasHeight"))
 _POSE_CODECS = {TRANSLATION.property: TRANSLATION, QUATERNION.property: QUATERNION}
 _SET_ASIDE_PROPERTIES = {original_property(property): property for property in (HAS_LOCALIZATION, HAS_SHAPE)}
 """Maps the name under which an outdated statement of another dialect is kept to the original property."""
@@ -258,8 +262,7 @@ class _RestatementRemover:
     def _mark_component(self, subject: Iri, facts: Sequence[PropertyAssertion]) -> None:
         if is_restatement_of(facts, HAS_COMPONENT):
             part = PropertyAssertion(HAS_COMPONENT, IriRef(subject))
-            wholes = (fact.value for fact in facts if fact.property == PARENT)
-            self.components.update((whole.iri, part) for whole in wholes if isinstance(whole, IriRef))
+            self.components.update((whole, part) for whole in references(facts, PARENT))
 
 
 class DualDialectInfo(NamedTuple):
@@ -282,8 +285,7 @@ def dual_dialect_info(source_map: SourceMap) -> DualDialectInfo:
     restated_poses: set[Iri] = set()
     for subject, facts in source_map.graph.items():
         if is_restatement_of(facts, HAS_POSE):
-            seen = (fact.value for fact in facts if fact.property == OBJECT_ACTED_ON)
-            restated_poses.update(value.iri for value in seen if isinstance(value, IriRef))
+            restated_poses.update(references(facts, OBJECT_ACTED_ON))
         if any(isinstance(fact.value, BlankNode) and is_restatement_of(fact.value.facts, HAS_POSE) for fact in facts):
             restated_poses.add(subject)
     return DualDialectInfo(dialect, frozenset(restated_poses))
@@ -309,15 +311,13 @@ def restated_sizes(source_map: SourceMap) -> Mapping[Iri, Sequence[float]]:
     return found
 
 
-def extents_of(node: RdfNode) -> Sequence[float]:
-    """Returns the extents of a shape node along x, y and z; empty if they are incomplete."""
-    radius = node.number(soma("hasRadius"))
-    length = node.number(soma("hasLength"))
+def extents_of(node: RdfNode) -> tuple[float, ...]:
+    """Returns the extents of a shape node along x, y and z; empty if one is missing or negative."""
+    radius, length = node.number(RADIUS), node.number(LENGTH, *_EXTENTS[2])
     if radius is not None:
-        return 2 * radius, 2 * radius, 2 * radius if length is None else length
-    values = [node.number(soma(name)) for name in ("hasDepth", "hasWidth", "hasHeight")]
-    extents = [extent for extent in values if extent is not None]
-    return extents if len(extents) == len(values) else ()
+        return (2 * radius, 2 * radius, 2 * radius if length is None else length)
+    extents = tuple(extent for each in _EXTENTS if (extent := node.number(*each)) is not None)
+    return extents if len(extents) == len(_EXTENTS) and min(extents) >= 0.0 else ()
 
 
 def check_restated_sizes(restated: Mapping[Iri, Sequence[float]], world: World, report: FindingSink) -> None:

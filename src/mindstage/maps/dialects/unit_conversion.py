@@ -15,18 +15,15 @@ from functools import lru_cache
 from typing import Any
 
 from mindstage.maps.dialects.conventions import SI, Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.maps.dialects.membership import references
 from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.rdf_mapping.nested import sorted_facts
 from mindstage.maps.rdf_mapping.properties import (
-    LIMIT,
+    ANGULAR_LIMITS,
+    LINEAR_LIMITS,
     QUATERNION,
     SIZE,
-    SWING1_MIDDLE,
     TRANSLATION,
-    TWIST_MIDDLE,
-    X_MIDDLE,
-    Y_MIDDLE,
-    Z_MIDDLE,
     PropertyCodec,
     literal_text,
 )
@@ -65,9 +62,12 @@ Decimals = tuple[Decimal, ...]
 
 _DECLARATIONS = (UNITS, FRAME, QUATERNION_ORDER)
 _LENGTH_CODECS: dict[Iri, PropertyCodec[float]] = {
-    codec.property: codec for codec in (*SIZE, LIMIT, X_MIDDLE, Y_MIDDLE, Z_MIDDLE)
+    codec.property: codec
+    for codec in (*SIZE, *(LINEAR_LIMITS[name] for name in ("limit", "x_middle", "y_middle", "z_middle")))
 }
-_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {codec.property: codec for codec in (TWIST_MIDDLE, SWING1_MIDDLE)}
+_ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {
+    codec.property: codec for codec in (ANGULAR_LIMITS["twist_middle"], ANGULAR_LIMITS["swing1_middle"])
+}
 """Angles whose sign changes in a mirrored frame."""
 
 _CODECS: dict[Iri, PropertyCodec[Any]] = (
@@ -79,7 +79,7 @@ _EXACT = Context(prec=2000)
 """Precision of sums of binary numbers, which have up to 1075 decimal places."""
 _PIVOT_CODEC = PropertyCodec(PIVOT, TRANSLATION.expected, TRANSLATION.decode, TRANSLATION.encode)
 _GIVEN_TRANSLATION = ms("givenTranslation")
-_MIRRORED_PROPERTIES = frozenset({Y_MIDDLE.property, *_ANGLE_CODECS})
+_MIRRORED_PROPERTIES = frozenset({LINEAR_LIMITS["y_middle"].property, *_ANGLE_CODECS})
 
 
 @lru_cache(maxsize=1024)
@@ -199,9 +199,8 @@ def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventio
             result.append(fact)
             continue
         before = [PropertyAssertion(fact.property, value) for value in kept.get(original_property(fact.property), ())]
-        same = [
-            each for each in before if _converted_value(each, codec, measures, conventions) == codec.decode(fact.value)
-        ]
+        value, to_si = codec.decode(fact.value), _UnitChange(conventions)
+        same = [each for each in before if codec.decode(_changed_literal(each, measures, to_si) or each.value) == value]
         back = _changed_literal(fact, measures, _UnitChange(conventions, inverse=True))
         result += same or [fact if back is None else PropertyAssertion(fact.property, back)]
         gone.update(PropertyAssertion(original_property(fact.property), each.value) for each in before)
@@ -210,21 +209,13 @@ def restore_facts(facts: Sequence[PropertyAssertion], conventions: UnitConventio
 
 def _measured_length(facts: Sequence[PropertyAssertion]) -> Iri | None:
     """Returns the length property that a restriction is about, if it is about one."""
-    on = (fact.value.iri for fact in facts if fact.property == ON_PROPERTY and isinstance(fact.value, IriRef))
-    return next((property for property in on if property in _LENGTH_CODECS), None)
+    return next((property for property in references(facts, ON_PROPERTY) if property in _LENGTH_CODECS), None)
 
 
 def _codec_for(fact: PropertyAssertion, measured_length: Iri | None) -> PropertyCodec[Any] | None:
     """Returns the codec of a statement whose value is converted, or None."""
     property = measured_length if fact.property == HAS_VALUE and measured_length else fact.property
     return _CODECS.get(property)
-
-
-def _converted_value(
-    fact: PropertyAssertion, codec: PropertyCodec[Any], measured_length: Iri | None, conventions: UnitConventions
-) -> object:
-    """Returns the value of a statement in SI."""
-    return codec.decode(_changed_literal(fact, measured_length, _UnitChange(conventions)) or fact.value)
 
 
 def _changed_literal(fact: PropertyAssertion, measured_length: Iri | None, change: _UnitChange) -> Literal | None:

@@ -9,20 +9,20 @@ similar sizes everywhere, and most bodies are upright and aligned with the walls
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from statistics import median
 from typing import Any, TypeVar
 
 from mindstage.maps.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
-from mindstage.maps.dialects.membership import types_of
+from mindstage.maps.dialects.membership import pose_facts, types_of
 from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
 from mindstage.maps.rdf_mapping.fields import ClassSizes
 from mindstage.maps.rdf_mapping.properties import QUATERNION, SIZE, TRANSLATION, literal_text
 from mindstage.rdf.graphs import Graph, Severity
-from mindstage.rdf.vocabulary import FRAME, HAS_POSE, QUATERNION_ORDER, UNITS
-from mindstage.scene import BlankNode, Iri, IriRef, PropertyAssertion
+from mindstage.rdf.vocabulary import FRAME, QUATERNION_ORDER, UNITS
+from mindstage.scene import Iri
 
 __all__ = [
     "ConventionEvidence",
@@ -150,7 +150,9 @@ def guess_quaternion_order(quaternions: Sequence[tuple[float, ...]]) -> Conventi
     }
     is_upright = {order: [_is_upright(row) for row in rows[order]] for order in QuaternionOrder}
     upright = {order: sum(is_upright[order]) for order in QuaternionOrder}
-    unrotated = {order: sum(map(_is_unrotated, rows[order])) for order in QuaternionOrder}
+    unrotated = {
+        order: sum(abs(row[0]) / math.hypot(*row) > _UPRIGHT_COSINE for row in rows[order]) for order in QuaternionOrder
+    }
     score = {order: upright[order] + unrotated[order] for order in QuaternionOrder}
     best = max(score, key=lambda order: score[order])
     other = next(order for order in QuaternionOrder if order is not best)
@@ -192,7 +194,7 @@ def decide_quaternion_order(
 def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
     """Collects the numbers of a sample of a map's individuals."""
     members = source_map.members[:: max(1, len(source_map.members) // _SAMPLE_SIZE)]
-    poses = [list(_pose_facts(source_map.graph, source_map.graph.get(member, ()))) for member in members]
+    poses = [pose_facts(source_map.graph, source_map.graph.get(member, ())) or () for member in members]
     own = ClassSizes([_class_graph(source_map, members)], source_map.hierarchy, ignore_finding)
     known = ClassSizes(source_map.ontologies, source_map.hierarchy, ignore_finding)
     sizes: dict[Iri, tuple[float, ...]] = {}
@@ -200,11 +202,7 @@ def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
     for member in members:
         facts = source_map.graph.get(member, ())
         types = types_of(facts)
-        extents = [codec.first_value(facts) for codec in SIZE]
-        size = [
-            extent if extent is not None else of_class for extent, of_class in zip(extents, own.get(types), strict=True)
-        ]
-        whole = tuple(abs(extent) for extent in size if extent is not None)
+        whole = tuple(abs(extent) for extent in own.of(facts, types) if extent is not None)
         if types and len(whole) == len(SIZE) and any(whole):
             largest.append(max(whole))
             sizes[types[0]] = whole
@@ -254,15 +252,6 @@ def _class_graph(source_map: SourceMap, members: Sequence[Iri]) -> Graph:
     }
 
 
-def _pose_facts(graph: Graph, facts: Sequence[PropertyAssertion]) -> Iterator[PropertyAssertion]:
-    for fact in facts:
-        if fact.property == HAS_POSE:
-            if isinstance(fact.value, IriRef):
-                yield from graph.get(fact.value.iri, ())
-            elif isinstance(fact.value, BlankNode):
-                yield from fact.value.facts
-
-
 def _closest_unit(length: float, typical_m: float) -> LengthUnit:
     return min(LengthUnit, key=lambda unit: abs(math.log10(length / unit.per_meter / typical_m)))
 
@@ -278,10 +267,6 @@ def _is_upright(rotation: tuple[float, ...]) -> bool:
     length = math.hypot(*rotation)  # the squares of very small numbers would underflow
     _, x, y, _ = rotation
     return 1.0 - 2.0 * ((x / length) ** 2 + (y / length) ** 2) > _UPRIGHT_COSINE
-
-
-def _is_unrotated(rotation: tuple[float, ...]) -> bool:
-    return abs(rotation[0]) / math.hypot(*rotation) > _UPRIGHT_COSINE
 
 
 def infer_conventions(source_map: SourceMap, defaults: UnitConventions) -> UnitConventions:

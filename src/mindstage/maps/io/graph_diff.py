@@ -65,8 +65,8 @@ _ORIGINAL_ROLES = {original_property(role): role for role in (PARENT, CHILD)}
 _NESTED_BY_PROPERTY = {part.property: part for part in NESTED_RESOURCES}
 _NUMBER_CODECS: Mapping[Iri, PropertyCodec[object]] = {
     codec.property: codec
-    for each in vars(codecs).values()
-    for codec in (each if isinstance(each, tuple) else (each,))
+    for each in (*vars(codecs).values(), *codecs.SOFT_LIMITS.values())
+    for codec in (each.values() if isinstance(each, dict) else each if isinstance(each, tuple) else (each,))
     if isinstance(codec, PropertyCodec) and codec.by_value
 }
 

@@ -283,6 +283,12 @@ class ClassSizes:
             size = self._cache[classes] = (x, y, z)
         return size
 
+    def of(self, facts: Iterable[PropertyAssertion], classes: tuple[Iri, ...]) -> PartialSize:
+        """The extents that statements about an individual of these classes give, and else the classes."""
+        own = (codec.first_value(facts) for codec in SIZE)
+        x, y, z = (given if extent is None else extent for extent, given in zip(own, self.get(classes), strict=True))
+        return x, y, z
+
     def _add_restriction(self, cls: Iri, fact: PropertyAssertion, source: Graph) -> None:
         restriction = (
             fact.value.facts

@@ -13,8 +13,9 @@ import math
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import count, pairwise
+from operator import attrgetter
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -74,14 +75,10 @@ _UNIT_TOLERANCE = 1e-3
 
 def sorted_facts(facts: Iterable[PropertyAssertion]) -> tuple[PropertyAssertion, ...]:
     """Statements in the canonical order of a `BlankNode`: by property, then by value."""
-    ordered = sorted(facts, key=_property_key)
+    ordered = sorted(facts, key=attrgetter("property"))
     if any(one.property == other.property for one, other in pairwise(ordered)):
         ordered.sort(key=lambda fact: (fact.property, msgspec.json.encode(fact.value)))
     return tuple(ordered)
-
-
-def _property_key(fact: PropertyAssertion) -> Iri:
-    return fact.property
 
 
 def nest_blank_nodes(graph: Graph) -> Graph:
@@ -206,100 +203,64 @@ def _read_motion(reader: SubjectReader, codec: PropertyCodec[AxisMotion]) -> Axi
     return motion
 
 
-def _read_limit(reader: SubjectReader, codec: PropertyCodec[float], *motions: AxisMotion) -> float:
-    limit = reader.read(codec)
-    if limit is None and AxisMotion.LIMITED in motions:
-        reader.warn(codec.property, "there is no valid value", "it is taken as 0")
-    return limit or 0.0
+LimitsT = TypeVar("LimitsT", LinearLimits, AngularLimits)
 
 
-def _read_center(reader: SubjectReader, codec: PropertyCodec[float]) -> float:
-    """The center of a range; 0 if absent, and 0 is never written."""
-    return reader.read(codec, keep_if=lambda middle: not middle) or 0.0
+def _read_limits(
+    limits_type: type[LimitsT],
+    fields: Mapping[str, PropertyCodec[Any]],
+    soft_fields: Sequence[str],
+    reader: SubjectReader,
+) -> LimitsT:
+    values: dict[str, Any] = {}
+    for name, codec in fields.items():
+        if name.endswith("_middle"):  # 0 if absent, and 0 is never written
+            values[name] = reader.read(codec, keep_if=lambda middle: not middle) or 0.0
+        elif name.endswith("limit"):
+            limit, own = reader.read(codec), name.removesuffix("_limit")
+            motions = [values[own]] if own in values else values.values()
+            if limit is None and AxisMotion.LIMITED in motions:
+                reader.warn(codec.property, "there is no valid value", "it is taken as 0")
+            values[name] = limit or 0.0
+        else:
+            values[name] = _read_motion(reader, codec)
+    for name in soft_fields:
+        read = {field: reader.read(codec) for field, codec in codecs.SOFT_LIMITS[name].items()}
+        values[name] = SoftLimit(**{field: value for field, value in read.items() if value is not None})
+    return limits_type(**values)
 
 
-def _read_soft_limit(
-    reader: SubjectReader, enabled: PropertyCodec[bool], stiffness: PropertyCodec[float], damping: PropertyCodec[float]
-) -> SoftLimit:
-    return SoftLimit(
-        enabled=reader.read(enabled) or False,
-        stiffness=reader.read(stiffness) or 0.0,
-        damping=reader.read(damping) or 0.0,
-    )
-
-
-def _write_soft_limit(
+def _write_limits(
+    fields: Mapping[str, PropertyCodec[Any]],
+    soft_fields: Sequence[str],
     writer: SubjectWriter,
-    soft: SoftLimit,
-    enabled: PropertyCodec[bool],
-    stiffness: PropertyCodec[float],
-    damping: PropertyCodec[float],
+    limits: LinearLimits | AngularLimits,
 ) -> None:
-    writer.write(enabled, soft.enabled)
-    writer.write(stiffness, soft.stiffness)
-    writer.write(damping, soft.damping)
-
-
-def _read_linear(reader: SubjectReader) -> LinearLimits:
-    x, y, z = (_read_motion(reader, codec) for codec in (codecs.X_MOTION, codecs.Y_MOTION, codecs.Z_MOTION))
-    soft = _read_soft_limit(reader, codecs.SOFT, codecs.STIFFNESS, codecs.DAMPING)
-    return LinearLimits(
-        x=x,
-        y=y,
-        z=z,
-        limit=_read_limit(reader, codecs.LIMIT, x, y, z),
-        x_middle=_read_center(reader, codecs.X_MIDDLE),
-        y_middle=_read_center(reader, codecs.Y_MIDDLE),
-        z_middle=_read_center(reader, codecs.Z_MIDDLE),
-        soft_limit=soft,
-    )
-
-
-def _write_linear(writer: SubjectWriter, linear: LinearLimits) -> None:
-    writer.write(codecs.X_MOTION, linear.x)
-    writer.write(codecs.Y_MOTION, linear.y)
-    writer.write(codecs.Z_MOTION, linear.z)
-    writer.write(codecs.LIMIT, linear.limit)
-    writer.write(codecs.X_MIDDLE, linear.x_middle or None)
-    writer.write(codecs.Y_MIDDLE, linear.y_middle or None)
-    writer.write(codecs.Z_MIDDLE, linear.z_middle or None)
-    _write_soft_limit(writer, linear.soft_limit, codecs.SOFT, codecs.STIFFNESS, codecs.DAMPING)
-
-
-def _read_angular(reader: SubjectReader) -> AngularLimits:
-    swing1, swing2, twist = (_read_motion(reader, codec) for codec in (codecs.SWING1, codecs.SWING2, codecs.TWIST))
-    return AngularLimits(
-        swing1=swing1,
-        swing2=swing2,
-        twist=twist,
-        swing1_limit=_read_limit(reader, codecs.SWING1_LIMIT, swing1),
-        swing2_limit=_read_limit(reader, codecs.SWING2_LIMIT, swing2),
-        twist_limit=_read_limit(reader, codecs.TWIST_LIMIT, twist),
-        swing1_middle=_read_center(reader, codecs.SWING1_MIDDLE),
-        swing2_middle=_read_center(reader, codecs.SWING2_MIDDLE),
-        twist_middle=_read_center(reader, codecs.TWIST_MIDDLE),
-        swing_soft_limit=_read_soft_limit(reader, codecs.SWING_SOFT, codecs.SWING_STIFFNESS, codecs.SWING_DAMPING),
-        twist_soft_limit=_read_soft_limit(reader, codecs.TWIST_SOFT, codecs.TWIST_STIFFNESS, codecs.TWIST_DAMPING),
-    )
-
-
-def _write_angular(writer: SubjectWriter, angular: AngularLimits) -> None:
-    writer.write(codecs.SWING1, angular.swing1)
-    writer.write(codecs.SWING2, angular.swing2)
-    writer.write(codecs.TWIST, angular.twist)
-    writer.write(codecs.SWING1_LIMIT, angular.swing1_limit)
-    writer.write(codecs.SWING2_LIMIT, angular.swing2_limit)
-    writer.write(codecs.TWIST_LIMIT, angular.twist_limit)
-    writer.write(codecs.SWING1_MIDDLE, angular.swing1_middle or None)
-    writer.write(codecs.SWING2_MIDDLE, angular.swing2_middle or None)
-    writer.write(codecs.TWIST_MIDDLE, angular.twist_middle or None)
-    _write_soft_limit(writer, angular.swing_soft_limit, codecs.SWING_SOFT, codecs.SWING_STIFFNESS, codecs.SWING_DAMPING)
-    _write_soft_limit(writer, angular.twist_soft_limit, codecs.TWIST_SOFT, codecs.TWIST_STIFFNESS, codecs.TWIST_DAMPING)
+    for name, codec in fields.items():
+        value = getattr(limits, name)
+        writer.write(codec, None if value == 0 and name.endswith("_middle") else value)
+    for name in soft_fields:
+        for field, codec in codecs.SOFT_LIMITS[name].items():
+            writer.write(codec, getattr(getattr(limits, name), field))
 
 
 NESTED_POSE = NestedResource(HAS_POSE, POSE, "pose", _read_pose, _write_pose)
-NESTED_LINEAR_LIMITS = NestedResource(HAS_LINEAR, LINEAR_CONSTRAINT, "linear", _read_linear, _write_linear)
-NESTED_ANGULAR_LIMITS = NestedResource(HAS_ANGULAR, ANGULAR_CONSTRAINT, "angular", _read_angular, _write_angular)
+_LINEAR = codecs.LINEAR_LIMITS, ("soft_limit",)
+_ANGULAR = codecs.ANGULAR_LIMITS, ("swing_soft_limit", "twist_soft_limit")
+NESTED_LINEAR_LIMITS = NestedResource(
+    HAS_LINEAR,
+    LINEAR_CONSTRAINT,
+    "linear",
+    partial(_read_limits, LinearLimits, *_LINEAR),
+    partial(_write_limits, *_LINEAR),
+)
+NESTED_ANGULAR_LIMITS = NestedResource(
+    HAS_ANGULAR,
+    ANGULAR_CONSTRAINT,
+    "angular",
+    partial(_read_limits, AngularLimits, *_ANGULAR),
+    partial(_write_limits, *_ANGULAR),
+)
 NESTED_RESOURCES: tuple[NestedResource[Any], ...] = (NESTED_POSE, NESTED_LINEAR_LIMITS, NESTED_ANGULAR_LIMITS)
 
 

@@ -21,15 +21,15 @@ from mindstage.rdf.vocabulary import LABEL, UNTOLD, knowrob, ms, xsd
 from mindstage.scene import AxisMotion, FactValue, Iri, IriRef, Literal, Mobility, PrimitiveType, PropertyAssertion
 
 __all__ = [
+    "ANGULAR_LIMITS",
     "COLOR",
-    "DAMPING",
     "DISABLE_COLLISION",
     "GRAVITY",
     "ID",
     "INDEX",
     "INTENSITY",
     "LABEL_CODEC",
-    "LIMIT",
+    "LINEAR_LIMITS",
     "MASS",
     "MATERIAL_NAME",
     "MATERIAL_PATH",
@@ -42,30 +42,8 @@ __all__ = [
     "QUATERNION",
     "SHAPE",
     "SIZE",
-    "SOFT",
-    "STIFFNESS",
-    "SWING1",
-    "SWING1_LIMIT",
-    "SWING1_MIDDLE",
-    "SWING2",
-    "SWING2_LIMIT",
-    "SWING2_MIDDLE",
-    "SWING_DAMPING",
-    "SWING_SOFT",
-    "SWING_STIFFNESS",
+    "SOFT_LIMITS",
     "TRANSLATION",
-    "TWIST",
-    "TWIST_DAMPING",
-    "TWIST_LIMIT",
-    "TWIST_MIDDLE",
-    "TWIST_SOFT",
-    "TWIST_STIFFNESS",
-    "X_MIDDLE",
-    "X_MOTION",
-    "Y_MIDDLE",
-    "Y_MOTION",
-    "Z_MIDDLE",
-    "Z_MOTION",
     "PropertyCodec",
     "SubjectReader",
     "SubjectWriter",
@@ -245,33 +223,31 @@ SIZE = (
 TRANSLATION = _number_row(knowrob("translation"), 3)
 QUATERNION = _number_row(knowrob("quaternion"), 4, nonzero=True)
 
-X_MOTION = _axis_motion(knowrob("xMotion"))
-Y_MOTION = _axis_motion(knowrob("yMotion"))
-Z_MOTION = _axis_motion(knowrob("zMotion"))
-LIMIT = _number(knowrob("limit"), minimum=0.0)
-SOFT = _boolean(knowrob("softConstraint"))
-STIFFNESS = _number(knowrob("stiffness"))
-DAMPING = _number(knowrob("damping"))
-
-SWING1 = _axis_motion(knowrob("swing1Motion"))
-SWING2 = _axis_motion(knowrob("swing2Motion"))
-TWIST = _axis_motion(knowrob("twistMotion"))
-SWING1_LIMIT = _number(knowrob("swing1Limit"), minimum=0.0)
-SWING2_LIMIT = _number(knowrob("swing2Limit"), minimum=0.0)
-TWIST_LIMIT = _number(knowrob("twistLimit"), minimum=0.0)
-SWING_SOFT = _boolean(knowrob("softSwingConstraint"))
-SWING_STIFFNESS = _number(knowrob("swingStiffness"))
-SWING_DAMPING = _number(knowrob("swingDamping"))
-TWIST_SOFT = _boolean(knowrob("softTwistConstraint"))
-TWIST_STIFFNESS = _number(knowrob("twistStiffness"))
-TWIST_DAMPING = _number(knowrob("twistDamping"))
-
-X_MIDDLE = _number(ms("xMiddle"))
-Y_MIDDLE = _number(ms("yMiddle"))
-Z_MIDDLE = _number(ms("zMiddle"))
-SWING1_MIDDLE = _number(ms("swing1Middle"))
-SWING2_MIDDLE = _number(ms("swing2Middle"))
-TWIST_MIDDLE = _number(ms("twistMiddle"))
+LINEAR_LIMITS: dict[str, PropertyCodec[Any]] = {
+    **{axis: _axis_motion(knowrob(f"{axis}Motion")) for axis in ("x", "y", "z")},
+    "limit": _number(knowrob("limit"), minimum=0.0),
+    **{f"{axis}_middle": _number(ms(f"{axis}Middle")) for axis in ("x", "y", "z")},
+}
+"""By the fields of `scene.LinearLimits`, in the order in which they are written."""
+ANGULAR_LIMITS: dict[str, PropertyCodec[Any]] = {
+    **{axis: _axis_motion(knowrob(f"{axis}Motion")) for axis in ("swing1", "swing2", "twist")},
+    **{f"{axis}_limit": _number(knowrob(f"{axis}Limit"), minimum=0.0) for axis in ("swing1", "swing2", "twist")},
+    **{f"{axis}_middle": _number(ms(f"{axis}Middle")) for axis in ("swing1", "swing2", "twist")},
+}
+"""By the fields of `scene.AngularLimits`, in the order in which they are written."""
+SOFT_LIMITS: dict[str, dict[str, PropertyCodec[Any]]] = {
+    field: {
+        "enabled": _boolean(knowrob(names[0])),
+        "stiffness": _number(knowrob(names[1])),
+        "damping": _number(knowrob(names[2])),
+    }
+    for field, *names in (
+        ("soft_limit", "softConstraint", "stiffness", "damping"),
+        ("swing_soft_limit", "softSwingConstraint", "swingStiffness", "swingDamping"),
+        ("twist_soft_limit", "softTwistConstraint", "twistStiffness", "twistDamping"),
+    )
+}
+"""By the fields of these two, then by those of `scene.SoftLimit`."""
 
 MIMICS = _reference(ms("mimics"))
 """From a joint to the joint that it follows."""
@@ -329,7 +305,7 @@ class SubjectReader:
 
     def first_value(self, codec: PropertyCodec[T]) -> T | None:
         """The value that the statements have for a codec, regardless of `ms:untold`."""
-        return _first_value(codec, (self.facts[index] for index in self.indexes_of(codec.property)))
+        return codec.first_value(self.facts[index] for index in self.indexes_of(codec.property))
 
     def references(self, property: Iri) -> Iterator[tuple[int, Iri]]:
         """The statements of a property whose values are resources: index and IRI."""
@@ -422,10 +398,6 @@ def _type_error(codec: PropertyCodec[Any], value: FactValue) -> str:
     return f"{text!r} is not {codec.expected}{'; decimals have a point, not a comma' if has_comma else ''}"
 
 
-def _first_value(codec: PropertyCodec[T], facts: Iterable[PropertyAssertion]) -> T | None:
-    return next((value for fact in facts if (value := codec.decode(fact.value)) is not None), None)
-
-
 class SubjectWriter:
     """Collects the statements about one subject."""
 
@@ -449,7 +421,7 @@ class SubjectWriter:
 
     def first_value(self, codec: PropertyCodec[T]) -> T | None:
         """The value that the facts have for a codec."""
-        return _first_value(codec, (fact for fact in self._facts if fact.property == codec.property))
+        return codec.first_value(self._facts)
 
     def write(self, codec: PropertyCodec[T], value: T | None) -> None:
         """Writes a value; None writes nothing.

@@ -22,7 +22,7 @@ import re
 from collections import ChainMap
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import date, datetime
-from itertools import count
+from itertools import chain, count
 from string import Formatter
 from types import GeneratorType
 from typing import Any, NamedTuple, TypeAlias
@@ -50,8 +50,10 @@ _DEPTH_LIMIT = 50
 """How deep containers may be nested; no description needs ten."""
 _DIGITS_LIMIT = 4_000
 """Length of a text that is read as an integer, and the digits to which a number is rounded."""
-_COLLECTION_LIMIT = 20_000
-"""Entries of a set or mapping made by an expression, since hashes that collide take quadratic time."""
+_ENTRIES = (20_000, "entries of a set or mapping")
+"""Of one that an expression makes, since hashes that collide take quadratic time."""
+_SIZE = (XACRO_VALUE_SIZE.maximum, "characters and elements of a value")
+_BITS = (XACRO_INTEGER_BITS.maximum, "bits of an integer")
 _FACTOR_LIMIT = 1_000
 """Factors of `factorial`, `comb` and `perm`."""
 
@@ -101,18 +103,23 @@ class Interpreter:
         self._containers = self._sequences | self._mappings
         self._plain = _SCALARS | self._containers | _VIEWS | {range}
         self._nodes: dict[type[ast.AST], Callable[[Any, Scope], Value]] = {
-            ast.Attribute: self._attribute,
+            ast.Attribute: lambda node, scope: self._member(self._evaluate(node.value, scope), node.attr),
             ast.BinOp: self._binary_chain,
             ast.BoolOp: self._bool_op,
             ast.Call: self._call,
             ast.Compare: self._compare,
             ast.Constant: self._constant,
-            ast.Dict: self._dict,
-            ast.DictComp: self._dict_comprehension,
+            ast.Dict: lambda node, scope: self.mapping(self._pairs(node, scope)),
+            ast.DictComp: lambda node, scope: self.mapping(
+                (self._evaluate(node.key, inner), self._evaluate(node.value, inner))
+                for inner in self._rounds(node.generators, scope)
+            ),
             ast.FormattedValue: self._formatted_value,
             ast.GeneratorExp: self._generator,
-            ast.IfExp: self._conditional,
-            ast.JoinedStr: self._joined_string,
+            ast.IfExp: lambda node, scope: self._evaluate(
+                node.body if self.truth(self._evaluate(node.test, scope)) else node.orelse, scope
+            ),
+            ast.JoinedStr: lambda node, scope: self.join("", (self._evaluate(each, scope) for each in node.values)),
             ast.List: lambda node, scope: self.new(self._elements(node.elts, scope)),
             ast.ListComp: lambda node, scope: self.new(self.collect(self._generator(node, scope))),
             ast.Name: self._name,
@@ -136,8 +143,7 @@ class Interpreter:
             Exception: what Python raises for the same operation, such as `ZeroDivisionError`.
         """
         text = expression.strip()
-        if len(text) > XACRO_EXPRESSION_LENGTH.maximum:
-            raise _excess(XACRO_EXPRESSION_LENGTH.maximum, "characters of an expression")
+        _check(len(text), XACRO_EXPRESSION_LENGTH.maximum, "characters of an expression")
         self.spend(1 + len(text) // 4)
         try:
             value = self._evaluate(ast.parse(text, mode="eval").body, names)
@@ -159,18 +165,13 @@ class Interpreter:
             ExpressionError: the budget is used up; every later call fails as well.
         """
         self._steps -= max(0, int(steps))
-        if self._steps < 0:
-            raise _excess(self._budget, "steps to expand it")
+        if self._steps < 0:  # without a call otherwise, since this is done at every step
+            _check(1 - self._steps + self._budget, self._budget, "steps to expand it")
 
     def copy(self, length: float) -> None:
         """Checks the length of a text that is about to be made, and takes the steps for it."""
-        self._check_size(length)
+        _check(length, *_SIZE)
         self.spend(length // _CHARACTERS_PER_STEP)
-
-    @staticmethod
-    def _check_size(size: float) -> None:
-        if size > XACRO_VALUE_SIZE.maximum:
-            raise _excess(XACRO_VALUE_SIZE.maximum, "characters and elements of a value")
 
     def size(self, value: Value) -> int:
         """Returns the number of characters and elements of plain data, with all that it contains, as it is printed.
@@ -183,9 +184,8 @@ class Interpreter:
             each, depth = stack.pop()
             kind = type(each)
             size += len(each) if kind is str else each.bit_length() // 4 + 1 if kind is int else 1
-            if depth > _DEPTH_LIMIT:
-                raise _excess(_DEPTH_LIMIT, "levels of nested lists")
-            self._check_size(size + len(stack))
+            _check(depth, _DEPTH_LIMIT, "levels of nested lists")
+            _check(size + len(stack), *_SIZE)
             if kind in self._mappings:
                 stack += [(item, depth + 1) for pair in dict.items(each) for item in pair]
             elif kind in self._lists:  # a subclass would copy its elements
@@ -193,7 +193,7 @@ class Interpreter:
             elif kind in self._containers or kind in _VIEWS:
                 stack += [(item, depth + 1) for item in each]
             elif kind is int:
-                self._check_bits(each.bit_length())
+                _check(each.bit_length(), *_BITS)
             elif kind not in _SCALARS and kind is not range:
                 raise ExpressionError(f"values of the type {kind.__name__} are not supported")
         return size
@@ -222,6 +222,10 @@ class Interpreter:
             raise ExpressionError(f"a {kind} cannot be used as a value here")
         return value
 
+    def truth(self, value: Value) -> bool:
+        """Returns `bool(value)` of plain data."""
+        return bool(self.plain(value))
+
     def iterate(self, value: Value) -> Iterator[Value]:
         """Yields the elements of a value, one step each."""
         if type(value) is not GeneratorType and (type(value) not in self._plain or type(value) in _SCALARS - {str}):
@@ -235,7 +239,7 @@ class Interpreter:
         items = []
         for item in self.iterate(value):
             items.append(item)
-            self._check_size(len(items))
+            _check(len(items), *_SIZE)
         return items
 
     def hashed(self, value: Value) -> set[Value]:
@@ -243,20 +247,22 @@ class Interpreter:
         items: set[Value] = set()
         for item in self.iterate(value):
             items.add(self.key(item))
-            self.check_entries(len(items))
+            _check(len(items), *_ENTRIES)
         return self.new(items)  # type: ignore[no-any-return]
+
+    def mapping(self, pairs: Iterable[Iterable[Value]]) -> dict[Value, Value]:
+        """Returns a mapping of keys and values."""
+        result: dict[Value, Value] = {}
+        for key, value in pairs:
+            result[self.key(key)] = value
+            _check(len(result), *_ENTRIES)
+        return self.new(result)  # type: ignore[no-any-return]
 
     def key(self, value: Value) -> Value:
         """Returns plain data that is about to be hashed."""
         if type(value) is tuple:
             self.spend(self.size(value))
         return self.plain(value)
-
-    @staticmethod
-    def check_entries(length: int) -> None:
-        """Checks the number of entries of a set or a mapping."""
-        if length > _COLLECTION_LIMIT:
-            raise _excess(_COLLECTION_LIMIT, "entries of a set or mapping")
 
     def text(self, value: Value) -> str:
         """Returns `str(value)` of plain data."""
@@ -278,23 +284,18 @@ class Interpreter:
         if type(left) in _VIEWS or type(right) in _VIEWS:  # a view would accept any iterable
             left, right = (set(each) if type(each) in _VIEWS else each for each in (left, right))
         if isinstance(left, set | frozenset | dict) and isinstance(right, set | frozenset | dict):
-            self.check_entries(len(left) + len(right))
+            _check(len(left) + len(right), *_ENTRIES)
         if operation is ast.Mult:
             for count, items in ((left, right), (right, left)):
                 if type(count) in (int, bool) and type(items) not in _NUMBERS and hasattr(items, "__len__"):
                     self.copy(count * len(items))
         elif operation is ast.Pow and type(left) is not float and type(right) in (int, bool):
-            self._check_bits(max(0, abs(left) - 1).bit_length() * right if type(left) in (int, bool) else 0)
+            _check(max(0, abs(left) - 1).bit_length() * right if type(left) in (int, bool) else 0, *_BITS)
         elif operation is ast.LShift and type(left) in (int, bool) and type(right) in (int, bool):
-            self._check_bits(left.bit_length() + right)
+            _check(left.bit_length() + right, *_BITS)
         else:
             self.spend(_weight(left) + _weight(right))
         return self.new(function(left, right))
-
-    @staticmethod
-    def _check_bits(bits: int) -> None:
-        if bits > XACRO_INTEGER_BITS.maximum:
-            raise _excess(XACRO_INTEGER_BITS.maximum, "bits of an integer")
 
     # -- nodes of the syntax tree --------------------------------------------------------------------------------------
 
@@ -313,11 +314,14 @@ class Interpreter:
     def _name(self, node: ast.Name, scope: Scope) -> Value:
         if node.id.startswith("__"):
             raise ExpressionError(f"the name {node.id!r} begins with __")
+        return self._looked_up(node.id, scope)
+
+    def _looked_up(self, name: str, names: Scope) -> Value:
         try:
-            value = scope[node.id]
+            value = names[name]
         except KeyError:
-            raise NameError(f"name {node.id!r} is not defined") from None
-        return self._admitted(node.id, value)
+            raise NameError(f"name {name!r} is not defined") from None
+        return self._admitted(name, value)
 
     def _admitted(self, name: str, value: Value) -> Value:
         kind = type(value)
@@ -325,18 +329,12 @@ class Interpreter:
             return value
         raise ExpressionError(f"{name!r} is a {kind.__name__}, which expressions cannot use")
 
-    def _attribute(self, node: ast.Attribute, scope: Scope) -> Value:
-        return self._member(self._evaluate(node.value, scope), node.attr)
-
     def _member(self, owner: Value, name: str) -> Value:
         """Returns what a dot means."""
         if name.startswith("_"):
             raise ExpressionError(f"the name {name!r} after a dot begins with _")
         if type(owner) in self._namespaces:
-            try:
-                return self._admitted(name, owner[name])
-            except KeyError:
-                raise NameError(f"name {name!r} is not defined") from None
+            return self._looked_up(name, owner)
         if type(owner) in self._dotted:
             value = owner[name]
             self.spend(_weight(value))  # a copy
@@ -358,8 +356,6 @@ class Interpreter:
                 first = [owner]
         else:
             function = self._evaluate(node.func, scope)
-        if type(function) is not Function:
-            raise TypeError(f"{type(function).__name__!r} object is not callable")
         keywords: dict[str, Value] = {}
         arguments = first + self._elements(node.args, scope)
         for keyword in node.keywords:
@@ -404,28 +400,16 @@ class Interpreter:
         # The second argument of isinstance.
         return elements if elements and all(type(each) is Function for each in elements) else self.new(elements)
 
-    def _dict(self, node: ast.Dict, scope: Scope) -> Value:
-        result: dict[Value, Value] = {}
+    def _pairs(self, node: ast.Dict, scope: Scope) -> Iterator[tuple[Value, Value]]:
         for key, value_node in zip(node.keys, node.values, strict=True):
             if key is not None:
-                name = self.key(self._evaluate(key, scope))
-                result[name] = self._evaluate(value_node, scope)
-            else:
-                other = self._evaluate(value_node, scope)
-                if type(other) not in self._mappings:
-                    raise TypeError(f"{type(other).__name__!r} object is not a mapping")
-                self.check_entries(len(other))
-                result.update(dict.items(other))
-            self.check_entries(len(result))
-        return self.new(result)
-
-    def _dict_comprehension(self, node: ast.DictComp, scope: Scope) -> Value:
-        result: dict[Value, Value] = {}
-        for inner in self._rounds(node.generators, scope):
-            key = self.key(self._evaluate(node.key, inner))
-            result[key] = self._evaluate(node.value, inner)
-            self.check_entries(len(result))
-        return self.new(result)
+                yield self._evaluate(key, scope), self._evaluate(value_node, scope)
+                continue
+            other = self._evaluate(value_node, scope)
+            if type(other) not in self._mappings:
+                raise TypeError(f"{type(other).__name__!r} object is not a mapping")
+            self.spend(len(other))
+            yield from dict.items(other)
 
     def _generator(self, node: ast.GeneratorExp | ast.ListComp | ast.SetComp, scope: Scope) -> Iterator[Value]:
         rounds = self._rounds(node.generators, scope)
@@ -444,7 +428,7 @@ class Interpreter:
             raise ExpressionError("asynchronous comprehensions are not supported")
         for item in source:
             self._assign(generator.target, item, scope)
-            if all(self._truth(self._evaluate(condition, scope)) for condition in generator.ifs):
+            if all(self.truth(self._evaluate(condition, scope)) for condition in generator.ifs):
                 if inner:
                     next_source = self.iterate(self._evaluate(inner[0].iter, scope))
                     yield from self._nested_rounds(inner, next_source, scope)
@@ -463,17 +447,11 @@ class Interpreter:
         else:
             raise ExpressionError("a comprehension assigns to names only")
 
-    def _conditional(self, node: ast.IfExp, scope: Scope) -> Value:
-        return self._evaluate(node.body if self._truth(self._evaluate(node.test, scope)) else node.orelse, scope)
-
-    def _truth(self, value: Value) -> bool:
-        return bool(self.plain(value))
-
     def _bool_op(self, node: ast.BoolOp, scope: Scope) -> Value:
         value: Value = None
         for each in node.values:
             value = self._evaluate(each, scope)
-            if each is not node.values[-1] and self._truth(value) is isinstance(node.op, ast.Or):
+            if each is not node.values[-1] and self.truth(value) is isinstance(node.op, ast.Or):
                 break
         return value
 
@@ -526,9 +504,6 @@ class Interpreter:
 
     # -- text ----------------------------------------------------------------------------------------------------------
 
-    def _joined_string(self, node: ast.JoinedStr, scope: Scope) -> str:
-        return self.join("", (self._evaluate(each, scope) for each in node.values))
-
     def join(self, separator: str, parts: Iterable[Value]) -> str:
         """Returns `separator.join(parts)`."""
         texts: list[str] = []
@@ -538,7 +513,7 @@ class Interpreter:
                 raise TypeError(f"sequence item {len(texts)}: expected str instance, {type(part).__name__} found")
             texts.append(part)
             length += len(part) + len(separator)
-            self._check_size(length)
+            _check(length, *_SIZE)
         self.copy(length)
         return separator.join(texts)
 
@@ -565,8 +540,7 @@ class Interpreter:
 
     def _check_widths(self, numbers: Iterable[str | None]) -> int:
         widths = [int(number[:9]) for number in numbers if number]
-        if max(widths, default=0) > XACRO_FORMAT_WIDTH.maximum:
-            raise _excess(XACRO_FORMAT_WIDTH.maximum, "characters of a formatted number")
+        _check(max(widths, default=0), XACRO_FORMAT_WIDTH.maximum, "characters of a formatted number")
         return sum(widths)
 
     def _percent(self, template: str, values: Value) -> str:
@@ -612,8 +586,9 @@ class Interpreter:
         return self.join("", parts)
 
 
-def _excess(maximum: float, what: str) -> ExpressionError:
-    return ExpressionError(f"more than {maximum:,.0f} {what}")
+def _check(amount: float, maximum: float, what: str) -> None:
+    if amount > maximum:
+        raise ExpressionError(f"more than {maximum:,.0f} {what}")
 
 
 def _weight(value: Value) -> int:
@@ -722,14 +697,10 @@ def _pop(run: Interpreter, items: list[Value], *index: Value) -> Value:
     return items.pop(*map(run.plain, index))
 
 
-def _get(run: Interpreter, mapping: dict[Value, Value], key: Value, default: Value = None) -> Value:
-    return dict.get(mapping, run.key(key), default)
-
-
 def _set_method(method: Callable[..., Value]) -> Callable[..., Value]:
     def call(run: Interpreter, *sets: Value) -> Value:
         others = [run.hashed(each) for each in sets[1:]]
-        run.check_entries(sum(map(len, (sets[0], *others))))
+        _check(sum(map(len, (sets[0], *others))), *_ENTRIES)
         return run.new(method(sets[0], *others))
 
     return call
@@ -740,7 +711,7 @@ _SPECIAL_METHODS: dict[tuple[type, str], Callable[..., Value]] = {
     (str, "join"): lambda run, text, items: run.join(text, run.iterate(items)),
     (str, "replace"): _replace,
     (list, "pop"): _pop,
-    (dict, "get"): _get,
+    (dict, "get"): lambda run, mapping, key, default=None: dict.get(mapping, run.key(key), default),
     **{(str, name): _padding_method(getattr(str, name)) for name in ("center", "ljust", "rjust", "zfill")},
     **{(kind, name): _set_method(getattr(kind, name)) for kind in (set, frozenset) for name in _SET_METHODS.split()},
 }
@@ -757,7 +728,9 @@ def _number(value: Value) -> Value:
 
 def _numeric(function: Callable[..., Value]) -> Callable[..., Value]:
     """A function of numbers whose time does not depend on their values."""
-    return lambda run, *numbers: run.new(function(*map(_number, numbers)))
+    return lambda run, *numbers, **options: run.new(
+        function(*map(_number, numbers), **{name: _number(value) for name, value in options.items()})
+    )
 
 
 def _of_numbers(function: Callable[..., Value]) -> Callable[..., Value]:
@@ -770,8 +743,7 @@ def _of_factors(function: Callable[..., int], steps: Callable[..., int]) -> Call
         values = list(map(_number, numbers))
         if any(type(each) is float for each in values):
             raise TypeError("'float' object cannot be interpreted as an integer")
-        if steps(*values) > _FACTOR_LIMIT:
-            raise _excess(_FACTOR_LIMIT, "factors")
+        _check(steps(*values), _FACTOR_LIMIT, "factors")
         run.spend(_FACTOR_LIMIT)
         return run.new(function(*values))
 
@@ -791,41 +763,31 @@ def _least_common_multiple(run: Interpreter, *numbers: Value) -> Value:
     return result
 
 
-def _power(_: Interpreter, base: Value, exponent: Value) -> float:
-    return math.pow(_number(base), _number(exponent))
-
-
 _PLAIN_MATH = (
-    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh degrees erf erfc exp exp2 expm1 fabs floor "
-    "fmod frexp gamma gcd hypot isfinite isinf isnan isqrt ldexp lgamma log log10 log1p log2 modf nextafter radians "
-    "remainder sin sinh sqrt tan tanh trunc ulp"
+    "acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh degrees erf erfc exp exp2 expm1 fabs "
+    "floor fmod frexp gamma gcd hypot isclose isfinite isinf isnan isqrt ldexp lgamma log log10 log1p log2 modf "
+    "nextafter pow radians remainder sin sinh sqrt tan tanh trunc ulp"
 )
 
 
 def _math_namespace() -> Namespace:
-    functions: dict[str, Callable[..., Value]] = {name: _numeric(getattr(math, name)) for name in _PLAIN_MATH.split()}
+    plain: dict[str, Callable[..., Value]] = {name: _numeric(getattr(math, name)) for name in _PLAIN_MATH.split()}
 
-    def isclose(_: Interpreter, a: Value, b: Value, *, rel_tol: Value = 1e-9, abs_tol: Value = 0.0) -> bool:
-        return math.isclose(_number(a), _number(b), rel_tol=_number(rel_tol), abs_tol=_number(abs_tol))
-
-    functions |= {
+    more: dict[str, Callable[..., Value]] = {
         "comb": _of_factors(math.comb, lambda n, k: min(k, n - k)),
         "dist": _of_numbers(math.dist),
         "factorial": _of_factors(math.factorial, lambda n: n),
         "fsum": _of_numbers(math.fsum),
-        "isclose": isclose,
         "lcm": _least_common_multiple,
         "perm": _of_factors(math.perm, lambda n, k=None: n if k is None else k),
-        "pow": _power,
         "prod": _product,
     }
     constants = {name: getattr(math, name) for name in ("e", "inf", "nan", "pi", "tau")}
-    return Namespace({name: Function(name, call) for name, call in functions.items()} | constants)
+    return Namespace({name: Function(name, call) for name, call in (plain | more).items()} | constants)
 
 
 def _int(run: Interpreter, value: Value = 0, *base: Value, **keywords: Value) -> Value:
-    if type(value) is str and len(value) > _DIGITS_LIMIT:
-        raise _excess(_DIGITS_LIMIT, "digits of an integer")
+    _check(len(value) if type(value) is str else 0, _DIGITS_LIMIT, "digits of an integer")
     return run.new(int(run.plain(value), *base, **keywords))
 
 
@@ -834,17 +796,9 @@ def _float(run: Interpreter, value: Value = 0.0) -> float:
     return float(value)
 
 
-def _str(run: Interpreter, value: Value = "") -> str:
-    return run.text(value)
-
-
 def _repr(run: Interpreter, value: Value) -> str:
     run.spend(run.size(run.plain(value)))
     return run.new(repr(value))  # type: ignore[no-any-return]
-
-
-def _bool(run: Interpreter, value: Value = False) -> bool:  # the name and the order are Python's
-    return bool(run.plain(value))
 
 
 def _len(run: Interpreter, value: Value) -> int:
@@ -853,33 +807,10 @@ def _len(run: Interpreter, value: Value) -> int:
     return len(run.plain(value))
 
 
-def _list(run: Interpreter, items: Value = ()) -> Value:
-    return run.new(run.collect(items))
-
-
-def _tuple(run: Interpreter, items: Value = ()) -> Value:
-    return run.new(tuple(run.collect(items)))
-
-
-def _set(run: Interpreter, items: Value = ()) -> Value:
-    return run.hashed(items)
-
-
-def _frozenset(run: Interpreter, items: Value = ()) -> Value:
-    return frozenset(run.hashed(items))
-
-
 def _dict(run: Interpreter, items: Value = (), /, **keywords: Value) -> Value:
-    result: dict[Value, Value] = {}
-    if isinstance(items, dict):
-        run.check_entries(len(run.plain(items)))
-        result.update(dict.items(items))
-    else:
-        for pair in run.iterate(items):
-            key, value = run.collect(pair)
-            result[run.key(key)] = value
-            run.check_entries(len(result))
-    return run.new(result | keywords)
+    is_mapping = isinstance(items, dict)
+    pairs = dict.items(run.plain(items)) if is_mapping else map(run.collect, run.iterate(items))
+    return run.mapping(chain(pairs, keywords.items()))
 
 
 _MISSING = object()
@@ -919,13 +850,8 @@ def _sum(run: Interpreter, items: Value, start: Value = 0) -> Value:
 
 
 def _round(run: Interpreter, number: Value, ndigits: Value = None) -> Value:
-    if type(ndigits) in (int, bool) and abs(ndigits) > XACRO_FORMAT_WIDTH.maximum:
-        raise _excess(XACRO_FORMAT_WIDTH.maximum, "digits to round to")
+    _check(abs(ndigits) if type(ndigits) in (int, bool) else 0, XACRO_FORMAT_WIDTH.maximum, "digits to round to")
     return run.new(round(_number(number), run.plain(ndigits)))
-
-
-def _range(run: Interpreter, *bounds: Value) -> range:
-    return run.new(range(*map(_number, bounds)))  # type: ignore[no-any-return]
 
 
 def _map(run: Interpreter, function: Value, *sources: Value) -> Iterator[Value]:
@@ -955,22 +881,6 @@ def _reversed(run: Interpreter, items: Value) -> Iterator[Value]:
     return run.iterate(each for each in reversed(elements))
 
 
-def _all(run: Interpreter, items: Value) -> bool:
-    return all(run.plain(each) for each in run.iterate(items))
-
-
-def _any(run: Interpreter, items: Value) -> bool:
-    return any(run.plain(each) for each in run.iterate(items))
-
-
-def _divmod(run: Interpreter, left: Value, right: Value) -> Value:
-    return run.new(divmod(_number(left), _number(right)))
-
-
-def _ord(run: Interpreter, character: Value) -> int:
-    return ord(run.plain(character))
-
-
 def _isinstance(run: Interpreter, value: Value, kinds: Value) -> bool:
     functions = kinds if type(kinds) is tuple else (kinds,)
     if not all(type(each) is Function and each.type for each in functions):
@@ -979,21 +889,21 @@ def _isinstance(run: Interpreter, value: Value, kinds: Value) -> bool:
 
 
 _TYPES: dict[type, Callable[..., Value]] = {
-    bool: _bool,
+    bool: lambda run, value=False: run.truth(value),
     dict: _dict,
     float: _float,
-    frozenset: _frozenset,
+    frozenset: lambda run, items=(): frozenset(run.hashed(items)),
     int: _int,
-    list: _list,
-    set: _set,
-    str: _str,
-    tuple: _tuple,
+    list: lambda run, items=(): run.new(run.collect(items)),
+    set: lambda run, items=(): run.hashed(items),
+    str: lambda run, value="": run.text(value),
+    tuple: lambda run, items=(): run.new(tuple(run.collect(items))),
 }
 _FUNCTIONS: dict[str, Callable[..., Value]] = {
     "abs": _numeric(abs),
-    "all": _all,
-    "any": _any,
-    "divmod": _divmod,
+    "all": lambda run, items: all(map(run.truth, run.iterate(items))),
+    "any": lambda run, items: any(map(run.truth, run.iterate(items))),
+    "divmod": _numeric(divmod),
     "enumerate": _enumerate,
     "filter": _filter,
     "isinstance": _isinstance,
@@ -1001,8 +911,8 @@ _FUNCTIONS: dict[str, Callable[..., Value]] = {
     "map": _map,
     "max": _extreme(operator.gt, "max"),
     "min": _extreme(operator.lt, "min"),
-    "ord": _ord,
-    "range": _range,
+    "ord": lambda run, character: ord(run.plain(character)),
+    "range": _numeric(range),
     "repr": _repr,
     "reversed": _reversed,
     "round": _round,

@@ -21,33 +21,21 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import msgspec
 
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, KnowledgeError, NameNotFoundError, suggestion
-from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.skill_declaration import SkillValue, skill_specs
-from mindstage.scene import Body, BodyId, Iri, World
+from mindstage.scene import Body, BodyId, Iri
+from mindstage.simulation.simulation import Simulation
 
-__all__ = ["ACTION_TYPES", "DesignatedSkill", "DesignatorChoice", "DesignatorSession", "read_designator"]
+__all__ = ["ACTION_TYPES", "DesignatedSkill", "DesignatorChoice", "read_designator"]
 
 _MAX_DEPTH = 10
 _MAX_CHARACTERS = 20_000
-
-
-class DesignatorSession(Protocol):
-    """The part of `Simulation` in which designators are resolved."""
-
-    knowledge: KnowledgeBase
-
-    def snapshot(self) -> World:
-        """The current state as a world."""
-
-    def ask(self, question: str, /, *positional: object, **args: object) -> Sequence[Any]:
-        """All answers to a question about the current state."""
 
 
 class DesignatorChoice(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,7 +68,7 @@ class _Description(NamedTuple):
     properties: dict[str, Any]
 
 
-def read_designator(designator: str | Mapping[str, Any] | Sequence[Any], world: DesignatorSession) -> DesignatedSkill:
+def read_designator(designator: str | Mapping[str, Any] | Sequence[Any], world: Simulation) -> DesignatedSkill:
     """The skill and the arguments that an action designator describes.
 
     Args:
@@ -176,7 +164,7 @@ def _word(value: object) -> str:
 class _Reading:
     """The properties of an action while they are turned into arguments."""
 
-    def __init__(self, world: DesignatorSession, properties: Mapping[str, Any], type: str) -> None:
+    def __init__(self, world: Simulation, properties: Mapping[str, Any], type: str) -> None:
         self.world, self.type = world, type
         self.properties = dict(properties)
         self.used: set[str] = set()
@@ -404,7 +392,7 @@ def _known_types() -> str:
 # -- objects -----------------------------------------------------------------------------------------------------------
 
 
-def _bodies(world: DesignatorSession, description: object, place: str) -> tuple[list[BodyId], bool, str]:
+def _bodies(world: Simulation, description: object, place: str) -> tuple[list[BodyId], bool, str]:
     """The bodies that fit a description, whether it is definite, and the description in words."""
     bodies = world.snapshot().bodies
     if isinstance(description, str):
@@ -431,7 +419,7 @@ def _bodies(world: DesignatorSession, description: object, place: str) -> tuple[
     return list(fitting), found.is_definite, text
 
 
-def _named(world: DesignatorSession, bodies: Sequence[Body], name: str) -> list[BodyId]:
+def _named(world: Simulation, bodies: Sequence[Body], name: str) -> list[BodyId]:
     """The bodies with an id, IRI or name, or of a class."""
     exact = [body.id for body in bodies if name in {body.id, body.iri, local_name(body.iri)}]
     if exact:
@@ -445,7 +433,7 @@ def _named(world: DesignatorSession, bodies: Sequence[Body], name: str) -> list[
     return [body.id for body in bodies if body.iri in iris]
 
 
-def _class(world: DesignatorSession, type: object) -> Iri:
+def _class(world: Simulation, type: object) -> Iri:
     """The class that a type names, such as `Milk`, `:milk` or `an IRI`.
 
     Raises:
@@ -458,7 +446,7 @@ def _class(world: DesignatorSession, type: object) -> Iri:
         return world.knowledge.names.find_thing(words, EntityType.CLASS).iri
 
 
-def _contents(world: DesignatorSession, location: object) -> set[BodyId]:
+def _contents(world: Simulation, location: object) -> set[BodyId]:
     """The bodies on or in something."""
     properties = _parse(location, "the location").properties if not isinstance(location, str) else {"at": location}
     iris = {body.iri: body.id for body in world.snapshot().bodies}
@@ -474,7 +462,7 @@ def _contents(world: DesignatorSession, location: object) -> set[BodyId]:
     )
 
 
-def _parts_of(world: DesignatorSession, whole: object) -> set[BodyId]:
+def _parts_of(world: Simulation, whole: object) -> set[BodyId]:
     """The bodies that are parts of something."""
     wholes, _, _ = _bodies(world, whole, "part-of")
     iris = {body.iri: body.id for body in world.snapshot().bodies}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from mindstage.errors import CommandRefusedError, SkillFailedError, UnreachableError
+from mindstage.robots.arm_paths import ArmPath
 from mindstage.robots.skill_declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
-from mindstage.robots.skills.arm_paths import ArmPath
 from mindstage.robots.skills.manipulator import Manipulator, free_hand
 from mindstage.robots.skills.part_motion import BACK_M, PartContact, PartMotion, find_part_motion
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings

@@ -12,14 +12,15 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.errors import UnreachableError
+from mindstage.robots.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.collisions import Collision, CollisionChecker, links_behind
+from mindstage.robots.floor_poses import BasePose, wrapped
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.robot_kinematics import BASE_JOINTS
 from mindstage.robots.search_limits import SearchLimit
-from mindstage.robots.skills.arm_paths import LINE_STEP_M, POSE_JOINTS, ArmPath, follow_poses, interpolated_poses
 from mindstage.robots.skills.grasps import Grasp
-from mindstage.robots.skills.manipulator import BasePose, Manipulator, is_near
+from mindstage.robots.skills.manipulator import Manipulator, is_near
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_from_array, pose_multiply, quat_rotate
 
@@ -285,7 +286,7 @@ class _Search:
     def _is_avoided(self, base: BasePose) -> bool:
         """Whether it was tried from there."""
         return any(
-            hypot(base[0] - x, base[1] - y) < _AVOIDED_M and abs((base[2] - yaw + pi) % (2 * pi) - pi) < _AVOIDED_RAD
+            hypot(base[0] - x, base[1] - y) < _AVOIDED_M and abs(wrapped(base[2] - yaw)) < _AVOIDED_RAD
             for x, y, yaw in self.request.avoided
         )
 
@@ -436,7 +437,7 @@ class _Search:
             poses[pivot],
             joints=(*(BASE_JOINTS if adjusts else ()), *hand.arm.joints),  # any place is driven to before
             seed=seed,
-            root_pose=hand.root_at((base[0] + float(along[0]), base[1] + float(along[1]), base[2])),
+            root_pose=hand.base_frame.root_at((base[0] + float(along[0]), base[1] + float(along[1]), base[2])),
             attempts=_ADJUSTED_IK_ATTEMPTS if adjusts else _IK_ATTEMPTS,
         )
         if not found:
@@ -446,7 +447,7 @@ class _Search:
         root = np.array(found.root_pose)
         at_pivot = {**self.positions, **found.positions}
         self._move_joint(pivot)
-        if adjusts and not self._may_stand(hand.base_of(root), at_pivot):
+        if adjusts and not self._may_stand(hand.base_frame.base_at(root), at_pivot):
             self.blocked += 1
             return None
         before = self._follow(poses[pivot::-1], root, at_pivot) if pivot else None
@@ -519,14 +520,14 @@ class _Search:
         if row not in self.later:
             moved = {id: pose_from_array(each[row]) for id, each in self.request.moved.items()}
             self.later[row] = FloorMap(hand.robot, moved=moved, start=self.here)
-        x, y, _ = hand.base_of(root)
+        x, y, _ = hand.base_frame.base_at(root)
         return self.later[row].is_reachable(x, y)
 
     def _comes_off(self, way: ArmPath, fingers: Mapping[str, float]) -> bool:
         """Whether the hand can withdraw on a way, with its fingers open."""
 
         def is_free(row: int) -> bool:
-            base = self.hand.base_of(way.roots[row]) if self.moves_base else None
+            base = self.hand.base_frame.base_at(way.roots[row]) if self.moves_base else None
             return self.checker.find_at({**way.at(row), **fingers}, base) is None
 
         return way.is_complete and all(is_free(row) for row in range(1, way.reached))
@@ -575,7 +576,7 @@ class _Search:
         for row in range(approach.reached):
             if row % 2 and row < approach.reached - 1:
                 continue
-            if self._hits(approach.at(row), self.hand.base_of(approach.roots[row]), strictly=True):
+            if self._hits(approach.at(row), self.hand.base_frame.base_at(approach.roots[row]), strictly=True):
                 break
             last = row
         length = wanted * max(last - len(rise), 0) / max(len(line) - 1, 1)
@@ -583,7 +584,7 @@ class _Search:
             if last == approach.reached - 1:  # else the collision was counted
                 self._count(approach.reason or "the hand has no straight way to it", approach.shortfall_m)
             return None
-        return _Start(approach.at(last), length, self.hand.base_of(approach.roots[last]))
+        return _Start(approach.at(last), length, self.hand.base_frame.base_at(approach.roots[last]))
 
     def _hits(self, positions: dict[str, float], base: BasePose, *, strictly: bool = False) -> bool:
         """Whether the robot would touch something there; strictly if its hand may not touch the target either."""
@@ -610,7 +611,7 @@ class _Search:
         free = 0
         for row in (*range(0, path.reached - 1, _CHECKED_EVERY), path.reached - 1):
             self._move_joint(row)
-            if self._hits(path.at(row), self.hand.base_of(path.roots[row])):
+            if self._hits(path.at(row), self.hand.base_frame.base_at(path.roots[row])):
                 return free / max(count - 1, 1)
             free = row
         return 1.0 if count == 1 and path.reached else (path.reached - 1) / max(count - 1, 1)

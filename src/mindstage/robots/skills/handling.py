@@ -9,13 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
+from mindstage.robots.floor_poses import planar_pose
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
-from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of, planar_pose
+from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Attach, Detach

@@ -15,8 +15,10 @@ import numpy as np
 
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
+from mindstage.robots.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
+from mindstage.robots.floor_poses import BaseFrame, BasePose, wrapped
 from mindstage.robots.models.robot_model import Arm, BaseType, Gripper, RobotJointType
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
@@ -24,7 +26,6 @@ from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.search_limits import SearchLimit
 from mindstage.robots.skill_declaration import SkillMotion
 from mindstage.robots.skill_task import SkillTask
-from mindstage.robots.skills.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.grasps import GripperShape
 from mindstage.robots.trajectories import JointTrajectory
 from mindstage.scene import BodyId
@@ -39,18 +40,14 @@ from mindstage.scene.transforms import (
 )
 
 __all__ = [
-    "BasePose",
     "Manipulator",
     "free_hand",
     "guarded",
     "hand_with",
     "hands_of",
     "is_near",
-    "planar_pose",
 ]
 
-BasePose = tuple[float, float, float]
-"""x, y [m] and yaw [rad] in the world frame."""
 _BASE_GAIN = 3.0
 """Velocity of the base by its error [1/s]."""
 _TICK_S = 0.04
@@ -103,15 +100,9 @@ _NEAR_M, _NEAR_RAD = 0.02, 0.04
 """A base that is nearer to where it is to stand does not drive."""
 
 
-def planar_pose(base: BasePose) -> Array:
-    """A pose on the floor, seven numbers."""
-    x, y, yaw = base
-    return np.array([x, y, 0.0, cos(yaw / 2), 0.0, 0.0, sin(yaw / 2)])
-
-
 def is_near(base: BasePose, here: BasePose) -> bool:
     """Whether a place is so near to where the base is that it does not drive there."""
-    turn = abs((base[2] - here[2] + pi) % (2 * pi) - pi)
+    turn = abs(wrapped(base[2] - here[2]))
     return hypot(base[0] - here[0], base[1] - here[1]) < _NEAR_M and turn < _NEAR_RAD
 
 
@@ -127,7 +118,7 @@ def _pressed(task: SkillTask, own: frozenset[BodyId]) -> dict[tuple[BodyId, Body
             for each in sorted(deep, key=lambda each: -each.depth_m)
         }
 
-    return task.session.run_on_engine(read, label="contacts")
+    return task.session.engine.run(read, label="contacts")
 
 
 def guarded(task: SkillTask, motion: Generator[float, None, MotionResult]) -> Generator[float, None, MotionResult]:
@@ -242,7 +233,7 @@ class Manipulator:
         """The direction in which an arm reaches that needs the base, relative to the base's own [rad]; else 0."""
         if not self.needs_base:
             return 0.0
-        root = self.root_at((0.0, 0.0, 0.0))
+        root = self.base_frame.root_at((0.0, 0.0, 0.0))
         x, y = self.kinematics.pose(self.kinematics.frame_of(self.arm), self.ready_positions(), root_pose=root)[:2]
         return atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
 
@@ -303,22 +294,9 @@ class Manipulator:
         return dict(zip(self.gripper.joints, (closed + share * (opened - closed)).tolist(), strict=True))
 
     @cached_property
-    def _root_in_base(self) -> Array:
-        """The pose of the root link in the frame of the base on the floor: read once, since it hardly changes."""
-        return pose_multiply(pose_inverse(planar_pose(self.robot.base_pose())), self.root_pose)
-
-    @cached_property
-    def _base_in_root(self) -> Array:
-        return pose_inverse(self._root_in_base)
-
-    def root_at(self, base: BasePose) -> Array:
-        """The pose of the root link with the base somewhere else."""
-        return pose_multiply(planar_pose(base), self._root_in_base)
-
-    def base_of(self, root: Array) -> BasePose:
-        """The pose of the base for a pose of the root link; the inverse of `root_at`."""
-        moved = pose_multiply(root, self._base_in_root)
-        return float(moved[0]), float(moved[1]), float(2 * np.arctan2(moved[6], moved[3]))
+    def base_frame(self) -> BaseFrame:
+        """Where the root link is for a pose of the base: read once, since it hardly changes."""
+        return self.robot.base_frame()
 
     # -- base --------------------------------------------------------------------------------------------------------
 
@@ -446,7 +424,7 @@ class Manipulator:
                 continue
             if joint is not None:
                 checker.set_joint(joint, joint_positions[row])
-            hit = checker.find_at(path.at(row), self.base_of(path.roots[row]) if self.is_mobile else None)
+            hit = checker.find_at(path.at(row), self.base_frame.base_at(path.roots[row]) if self.is_mobile else None)
             if hit is not None:
                 return path.cut(max(row - _CHECKED_EVERY, 1), f"there {hit}")
         return path
@@ -492,7 +470,7 @@ class Manipulator:
         least = self._least_durations(path, cartesian_speed)
         trajectory = timed(path, self._joints, speed=speed, least_s=least)
         times = np.array([point.time_s for point in trajectory.points])
-        bases = np.array([self.base_of(root) for root in path.roots])
+        bases = np.array([self.base_frame.base_at(root) for root in path.roots])
         bases[:, 2] = np.unwrap(bases[:, 2])
         motion = guarded(self.task, self.robot.following(trajectory))
         start_s = self.task.time_s
@@ -522,7 +500,7 @@ class Manipulator:
         least = np.linalg.norm(np.diff(tips, axis=0), axis=1) / cartesian_speed
         if path.moves_base:
             base = self.robot.model.base
-            bases = np.array([self.base_of(root) for root in path.roots])
+            bases = np.array([self.base_frame.base_at(root) for root in path.roots])
             steps = np.diff(bases, axis=0)
             turns = np.abs(np.diff(np.unwrap(bases[:, 2])))
             drive = np.hypot(steps[:, 0], steps[:, 1]) / (_FOLLOWING_SPEED * base.velocity)
@@ -535,7 +513,7 @@ class Manipulator:
         goal, later = (np.array([np.interp(t, times, column) for column in bases.T]) for t in (at_s, ahead_s))
         here = np.array(self.robot.base_pose())
         error = goal - here
-        error[2] = (error[2] + np.pi) % (2 * np.pi) - np.pi
+        error[2] = wrapped(error[2])
         velocity = (later - goal) / _TICK_S + _BASE_GAIN * error
         c, s = cos(here[2]), sin(here[2])
         forward, left = c * velocity[0] + s * velocity[1], -s * velocity[0] + c * velocity[1]
@@ -571,7 +549,7 @@ class Manipulator:
         if self.robot.opening(self.gripper.name) <= _EMPTY_M:
             return False
         # Fingers that turn, or whose shapes are coarse, do not close fully on nothing either.
-        return self.held is not None or not self.task.session.run_on_engine(_reads_contacts, label="capabilities")
+        return self.held is not None or not self.task.session.engine.run(_reads_contacts, label="capabilities")
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""

@@ -7,12 +7,13 @@ from math import atan2, cos, pi, sin
 import numpy as np
 
 from mindstage.errors import UnreachableError
+from mindstage.robots.floor_poses import BasePose
 from mindstage.robots.models.robot_model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skill_declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.handling import placement_to_reach
-from mindstage.robots.skills.manipulator import BasePose, guarded, hands_of
+from mindstage.robots.skills.manipulator import guarded, hands_of
 from mindstage.robots.surroundings import Surroundings
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, quat_rotate

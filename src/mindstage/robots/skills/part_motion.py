@@ -18,13 +18,14 @@ import numpy as np
 from mindstage.errors import UnreachableError
 from mindstage.ranges import Fraction, checked
 from mindstage.robots.collisions import Collision, HandChecker
+from mindstage.robots.floor_poses import BasePose
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, IkResult
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, diagonal_grasps_of, edge_grasps_of, grasps_of, pushes_of, sweeps_of
-from mindstage.robots.skills.manipulator import BasePose, Manipulator, hands_of
+from mindstage.robots.skills.manipulator import Manipulator, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import (
@@ -174,7 +175,7 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> OpeningReach
         if hand.is_mobile:  # it goes on from where it stands then, with the part where it is then
             path = found.placement.path
             moved = _parts_at(part, surroundings, position)
-            floor = FloorMap(robot, moved=moved, start=hand.base_of(path.roots[found.end_row]))
+            floor = FloorMap(robot, moved=moved, start=hand.base_frame.base_at(path.roots[found.end_row]))
         steps.append(OpeningStep(way=found.way, base=found.placement.base, openness=round(openness(), 3)))
         reason = found.placement.why
     is_reachable = openness() >= _ALL * fraction
@@ -391,7 +392,7 @@ class _PartMotionSearch:
                 path[0],
                 joints=(*BASE_JOINTS, *hand.arm.joints),
                 seed=seed,
-                root_pose=hand.root_at((x - _APART_M * cos(yaw), y - _APART_M * sin(yaw), yaw - hand.side)),
+                root_pose=hand.base_frame.root_at((x - _APART_M * cos(yaw), y - _APART_M * sin(yaw), yaw - hand.side)),
                 attempts=_REACH_ATTEMPTS,
             )
             if result:

@@ -31,7 +31,8 @@ from mindstage.scene import BodyId, diff
 from mindstage.scene.edits import Delete, Spawn
 from mindstage.simulation import Simulation
 from tests.bridge.raw_client import TIMEOUT_S, eventually
-from tests.engines.fake_remote import (
+from tests.cases import each_case
+from tests.engines.remote.fake_remote import (
     DESCRIBE_VALUES,
     NO_REFUSAL,
     REPORT,
@@ -41,15 +42,15 @@ from tests.engines.fake_remote import (
     poses,
     response,
 )
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import FLOOR, room, world
-from tests.engines.served_simulation import ServedSimulation
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @contextmanager
 def server_process(*args: object) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    command = [sys.executable, "-m", "tests.engines.stuck_server", *map(str, args)]
+    command = [sys.executable, "-m", "tests.engines.remote.stuck_server", *map(str, args)]
     process = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -178,14 +179,14 @@ def test_a_simulation_reports_the_loss_of_its_engine_and_continues_after_it_is_r
             simulation.play()
             eventually(lambda: simulation.state.time_s > 0.05)
             served.stop()
-            eventually(lambda: simulation.engine_error is not None)
+            eventually(lambda: simulation.engine.error is not None)
             assert "no connection" in simulation.state.error
             with pytest.raises(EngineError):
-                simulation.ping()
+                simulation.engine.ping()
             served.start()
             eventually(lambda: answers(engine))
             assert simulation.spawn(room()).ok
-            assert simulation.engine_error is None
+            assert simulation.engine.error is None
             assert diff(room(), simulation.snapshot()).identical(0.0)
 
 
@@ -339,7 +340,7 @@ class Breaking(NullEngine):
         raise self.error
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("error", "comes_as"),
     [
         (SimulationDivergedError(time_s=1.25, what="velocities"), SimulationDivergedError),

@@ -1,5 +1,6 @@
-"""A Mindstage server in its own process, which tests can kill: `python -m tests.engines.stuck_server [PORT] [--stuck]`.
+"""A Mindstage server in its own process, which tests can kill.
 
+`python -m tests.engines.remote.stuck_server [PORT] [--stuck]` starts it.
 It prints its address. With `--stuck`, its engine prints "spawning" at the first spawn and never returns.
 """
 
@@ -11,7 +12,7 @@ import threading
 from mindstage.engines import NullEngine
 from mindstage.engines.base import Applied
 from mindstage.scene.edits import Edit
-from tests.engines.served_simulation import ServedSimulation
+from tests.engines.remote.served_simulation import ServedSimulation
 
 
 class StuckEngine(NullEngine):

@@ -84,11 +84,11 @@ class ArmPath(NamedTuple):
         return dict(zip(self.joints, self.positions[row].tolist(), strict=True))
 
 
-def interpolated_poses(start: Array, end: Array) -> Array:
-    """Poses on a straight line from one pose to another, both included, at most 2 cm and 5 degrees apart."""
+def interpolated_poses(start: Array, end: Array, *, step_m: float = LINE_STEP_M) -> Array:
+    """Poses on a straight line from one pose to another, both included, at most a step and 5 degrees apart."""
     distance = float(np.linalg.norm(end[:3] - start[:3]))
     turn = float(quat_angle(start[3:], end[3:]))
-    count = max(int(np.ceil(max(distance / LINE_STEP_M, turn / _STEP_RAD))), 1)
+    count = max(int(np.ceil(max(distance / step_m, turn / _STEP_RAD))), 1)
     fractions = np.linspace(0.0, 1.0, count + 1)[:, None]
     last = end[3:] if float(start[3:] @ end[3:]) >= 0.0 else -end[3:]
     if turn < 1e-6:

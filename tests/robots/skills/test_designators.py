@@ -16,6 +16,7 @@ from mindstage.maps import bundled_kitchen
 from mindstage.robots.skills import skill_specs
 from mindstage.robots.skills.designators import ACTION_TYPES, DesignatedSkill, read_designator
 from mindstage.simulation import Simulation
+from tests.cases import each_case
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +35,7 @@ def read(kitchen: Simulation, type: str, **properties: Any) -> DesignatedSkill:
 JUICE = {"the": "object", "type": "OrangeJuiceCarton"}
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("type", "properties", "skill", "args"),
     [
         ("picking-up", {"object": JUICE}, "pick", {"thing": "orange_juice_carton_1"}),
@@ -151,7 +152,7 @@ def test_all_notations_are_read_alike(kitchen: Simulation) -> None:
         assert read_designator(json.dumps(notation), kitchen) == expected
 
 
-@pytest.mark.parametrize(
+@each_case(
     "pose",
     [
         [1.0, -2.0, pi / 2],
@@ -182,7 +183,7 @@ def test_every_type_has_a_skill_of_the_catalog(kitchen: Simulation) -> None:
     }
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("designator", "cause"),
     [
         ("{", "it is no JSON"),

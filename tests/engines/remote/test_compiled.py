@@ -20,8 +20,8 @@ from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, apply_force_for, current_pose
 from tests.engines.geometry_contract import GeometryContract
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
-from tests.engines.served_simulation import ServedSimulation
 
 
 @pytest.fixture
@@ -130,7 +130,7 @@ def test_poses_read_twice_after_a_step_are_current(served: ServedSimulation) -> 
             engine.step(0.01)
             poses = engine.poses()[1]
         np.testing.assert_allclose(poses, served.simulation.state.poses, atol=1e-12)
-        served.simulation.run_on_engine(
+        served.simulation.engine.run(
             lambda remote: remote.apply(SetPoses({BodyId("crate"): Pose((7, 7, 7))})), label="set pose"
         )
         assert current_pose(engine, "crate")[0] == 7

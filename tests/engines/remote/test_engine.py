@@ -40,8 +40,9 @@ from mindstage.scene import (
 )
 from mindstage.scene.edits import Delete, SetPoses, Spawn
 from tests.bridge.raw_client import eventually
+from tests.cases import each_case
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import BASE, FLOOR, body, prismatic_joint, room, world
-from tests.engines.served_simulation import ServedSimulation
 from tests.worlds import worlds
 
 NAN = float("nan")
@@ -62,7 +63,7 @@ def engine(served: ServedSimulation) -> Iterator[RemoteEngine]:
 # -- addresses ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "address", "shown"),
     [
         ("ros://robot", RemoteUrl(host="robot"), "ros://robot:9090/unreal"),
@@ -83,7 +84,7 @@ def test_an_address_is_parsed_and_shown_without_its_token(text: str, address: Re
     assert address.url == f"ws://{shown.removeprefix('ros://').partition('/')[0]}"
 
 
-@pytest.mark.parametrize(
+@each_case(
     ("text", "reason"),
     [
         ("ros://", r"it is not a valid address; write ros:// or ros\+tls://HOST"),

@@ -7,10 +7,10 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
+from mindstage.robots.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import RobotModel
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
-from mindstage.robots.skills.arm_paths import ArmPath, follow_poses, interpolated_poses, timed
 from mindstage.robots.skills.grasps import (
     Grasp,
     GripperShape,

@@ -33,7 +33,7 @@ from mindstage.scene import BodyId, BodyPhysics, Material, Mobility, Pose, World
 from mindstage.scene.edits import Attach, Delete, Detach, SetMaterials, SetPhysics, SetPoses, Spawn
 from tests.bridge.raw_client import TIMEOUT_S
 from tests.engines.contract import DescriptionContract, current_pose, displacement, gripper
-from tests.engines.fake_unreal import FakeUnrealPlugin
+from tests.engines.remote.fake_unreal import FakeUnrealPlugin
 from tests.engines.scenes import FLOOR, attachment, body, prismatic_joint, room, world
 from tests.maps.logged_maps import LoggedBody, individual_id, logged_map, yaw
 from tests.maps.small_maps import knowledge_base_from

@@ -162,8 +162,8 @@ def test_a_godot_that_exits_at_once_is_reported_with_its_output(make_program: Ma
 def test_a_godot_that_offers_no_services_times_out_and_is_terminated(make_program: Make, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     runs = f"echo $$ >{pid}; echo thinking; exec sleep 600"
-    with pytest.raises(EngineUnavailableError, match=r"after 4 s it offers no service; its last output: thinking"):
-        GodotEngine(make_program(runs=runs), start_timeout_s=4.0)
+    with pytest.raises(EngineUnavailableError, match=r"after 2 s it offers no service; its last output: thinking"):
+        GodotEngine(make_program(runs=runs), start_timeout_s=2.0)
     assert is_gone(int(pid.read_text()))
 
 
@@ -171,7 +171,7 @@ def test_a_godot_that_ignores_sigterm_is_killed(make_program: Make, tmp_path: Pa
     pid = tmp_path / "pid"
     runs = f"trap '' TERM; echo $$ >{pid}; while :; do sleep 0.1; done"
     with pytest.raises(EngineUnavailableError):
-        GodotEngine(make_program(runs=runs), start_timeout_s=4.0)
+        GodotEngine(make_program(runs=runs), start_timeout_s=2.0)
     assert is_gone(int(pid.read_text()))
 
 

@@ -14,8 +14,8 @@ from mindstage.scene.edits import Spawn
 from tests.engines.actuator_contract import ActuatorContract
 from tests.engines.contract import PhysicsContract, current_pose, notes_of
 from tests.engines.geometry_contract import GeometryContract
+from tests.engines.remote.served_simulation import ServedSimulation
 from tests.engines.scenes import FLOOR, body, world
-from tests.engines.served_simulation import ServedSimulation
 
 
 class TestRemoteEngine(PhysicsContract, ActuatorContract, GeometryContract):

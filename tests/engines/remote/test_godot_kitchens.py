@@ -64,7 +64,9 @@ def bundled() -> Kitchen:
     return read(bundled_kitchen())
 
 
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "ameva-task-two" else pytest.mark.slow) for name in SAMPLES]
+)
 def test_maps_of_all_dialects_are_returned_with_all_facts_and_tags(
     name: str, engine: GodotEngine, shared_data: Path
 ) -> None:
@@ -195,6 +197,7 @@ def test_the_fridge_opens_by_its_handle_as_far_as_in_mujoco(engine: GodotEngine,
     assert angles[0] == pytest.approx(angles[1], abs=SAME_RAD)
 
 
+@pytest.mark.slow
 def test_doors_and_drawers_open_to_their_limits_by_their_handles(engine: GodotEngine, bundled: Kitchen) -> None:
     bundled.spawn(engine)
     tested = 0

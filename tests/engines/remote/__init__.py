@@ -1,0 +1,1 @@
+"""Tests of `mindstage.engines.remote`: engines of other processes, and Godot."""
