@@ -477,6 +477,6 @@ def test_a_bag_without_transforms_and_joint_states_is_an_error_with_the_topics_t
             connection = writer.add_connection(topic, "std_msgs/msg/String", typestore=store)
             writer.write(connection, 1_000_000_000, store.serialize_cdr(text(data="hello"), "std_msgs/msg/String"))
     with pytest.raises(
-        EpisodeFileError, match="no transforms and no joint states; it has the topics .*/answers.*/chatter"
+        EpisodeFileError, match=r"no transforms and no joint states; it has the topics .*/answers.*/chatter"
     ):
         RosBag(path, kitchenette())
