@@ -49,6 +49,7 @@ def test_every_service_of_the_package_is_advertised(ros_interface: RosInterface,
     }
     assert len(expected) >= 19
     assert expected <= offered
+    assert [each.name for each in local_node.entry_points() if each.policy is None] == [], "all state their limits"
 
 
 def test_a_world_survives_a_round_trip_without_loss(engine: Call, simulation: Simulation) -> None:

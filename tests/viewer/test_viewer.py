@@ -27,6 +27,7 @@ from mindstage.textures import TextureMap
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import texture_path
 from tests.kitchenette import kitchenette
+from tests.viewer.fake_page import FakePage
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
@@ -291,3 +292,10 @@ def test_every_method_of_the_page_is_admitted_and_answered(viewer: Viewer) -> No
         for name in methods:
             with pytest.raises(RequestFailedError, match=r"^InvalidRequestError: .*no_such_field"):
                 page.ask(name, no_such_field=1)
+
+
+def test_a_duplicate_is_named_in_the_history(simulation: Simulation, viewer: Viewer) -> None:
+    (copy,) = FakePage(viewer.channel).ask("duplicate", ids=["Mug"])
+    assert simulation.edits.history.undo[0] == f"{copy} duplicated"
+    simulation.edits.undo()
+    assert copy not in simulation.state.ids
