@@ -31,12 +31,13 @@ from mindstage.ranges import Count, Fraction, Length, NotNegative, Point, Positi
 from mindstage.rdf.graphs import local_name
 from mindstage.robots.control import MotionGoal
 from mindstage.robots.edits import add_robot
-from mindstage.robots.models.robot_model import BaseType, RobotJoint, RobotJointType
+from mindstage.robots.floor_poses import planar_pose
+from mindstage.robots.models.robot_model import BaseType, RobotJoint
 from mindstage.robots.robot import Robot
 from mindstage.robots.skill_declaration import SkillResult
 from mindstage.robots.skill_performance import start_skill
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
-from mindstage.scene import Body, BodyId, Iri, Pose
+from mindstage.scene import Body, BodyId, Iri
 from mindstage.scene.edits import SetPoses
 from mindstage.scene.floor_plan import free_floor_place
 from mindstage.scene.transforms import Array, pose_from_array, pose_inverse, pose_multiply
@@ -84,12 +85,17 @@ _FAR = 100.0
 """Bound of numbers that have none."""
 _POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 _SHOWN_NAMES = 10
+"""Number of things that an error names at most."""
 _LIFTED_M = 0.05
 """Distance from where a thing stood from which on it is picked up [m]."""
 _PROGRESS_REWARD = 10.0
+"""Reward for the whole task; for a part of it the same share."""
 _APPROACH_REWARD = 1.0
+"""Reward for each meter by which the gripper comes nearer [1/m]."""
 _SUCCESS_REWARD = 10.0
+"""Reward for having done the task."""
 _ACTION_COST = 0.01
+"""Loss for the mean of the squared actions."""
 
 
 class TaskProgress(msgspec.Struct, frozen=True, kw_only=True):
@@ -284,7 +290,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         """The state in which episodes about a thing begin; None for the start of the simulation."""
         self._stands: dict[BodyId, Array] = {}
         self._pose = None if pose is None else np.array(pose)
-        self.robot: Robot = add_robot(self.simulation, robot, _planar_pose(self._stand(self.thing)))
+        self.robot: Robot = add_robot(self.simulation, robot, planar_pose(tuple(self._stand(self.thing).tolist())))
         model = self.robot.model
         if not model.arms or not model.grippers:
             raise InvalidArgumentError(
@@ -340,7 +346,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         robot, model, targets = self.robot, self.robot.model, self._reference()
         for joint in self._joints:
             step = action[joint.name] * _SPEED * (joint.velocity or _DEFAULT_VELOCITY) * self._period_s
-            low, high = _limits(joint)
+            low, high = joint.limits
             targets[joint.name] = min(max(targets[joint.name] + step, low), high)
         point = TrajectoryPoint(positions=tuple(targets.values()), time_s=self._period_s)
         self._targets = {}
@@ -363,7 +369,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         for joint in self._joints:
             position = now[joint.name]
             target = self._targets.get(joint.name, position)
-            tolerance = _TOLERANCES[joint.type is RobotJointType.PRISMATIC]
+            tolerance = _TOLERANCES[joint.is_prismatic]
             found[joint.name] = target if is_moving or abs(target - position) <= tolerance else position
         return found
 
@@ -390,7 +396,7 @@ class RobotTaskEnv(gymnasium.Env[Observation, Action]):
         what, _, part = name.rpartition(".")
         joint = next((each for each in self._joints if each.name == what), None)
         if joint is not None and part == "position":
-            low, high = _limits(joint)
+            low, high = joint.limits
             return max(low, -_FAR), min(high, _FAR)
         if part in {"qw", "qx", "qy", "qz"}:
             return -1.0, 1.0
@@ -701,18 +707,9 @@ def success_rate(
 # -- geometry ----------------------------------------------------------------------------------------------------------
 
 
-def _limits(joint: RobotJoint) -> tuple[float, float]:
-    return -math.inf if joint.lower is None else joint.lower, math.inf if joint.upper is None else joint.upper
-
-
 def _upper_half(pose: Array) -> Array:
     """The pose with the quaternion of positive w, so that equal poses have equal numbers."""
     return np.concatenate([pose[:3], pose[3:] if pose[3] >= 0.0 else -pose[3:]])
-
-
-def _planar_pose(pose: Array) -> Pose:
-    x, y, yaw = pose.tolist()
-    return Pose((x, y, 0.0), (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
 
 
 def _is_graspable(body: Body) -> bool:

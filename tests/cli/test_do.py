@@ -30,7 +30,6 @@ def pick(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Succeeds for the first mug only.
 
     Args:
-        task: this performance of the skill.
         thing: what is picked.
     """
     with task.step("grasp", f"close the gripper around {thing}"):

@@ -44,7 +44,6 @@ def approach(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Drives half a meter towards x; the real base moves.
 
     Args:
-        task: this performance of the skill.
         thing: is not used.
     """
     task.assume("the way is free")
@@ -59,7 +58,6 @@ def give_up(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Fails after a while.
 
     Args:
-        task: this performance of the skill.
         thing: what it is about.
     """
     yield 0.1
@@ -89,7 +87,6 @@ def lower(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Carries a thing down from 0.5 m with the lift of the robot, and lets it go 2 cm above the floor.
 
     Args:
-        task: this performance of the skill.
         thing: what is carried.
     """
     yield from carry_down(task, BodyId(thing), to_m=0.06)
@@ -100,7 +97,6 @@ def drop(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Lets a thing go at a height of half a meter.
 
     Args:
-        task: this performance of the skill.
         thing: what is dropped.
     """
     yield from carry_down(task, BodyId(thing), to_m=0.45)

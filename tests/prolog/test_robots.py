@@ -26,7 +26,6 @@ def pick(task: SkillTask, thing: ThingName) -> Generator[float, None, None]:
     """Succeeds for the mug only.
 
     Args:
-        task: this performance of the skill.
         thing: what is picked.
     """
     yield 0.1

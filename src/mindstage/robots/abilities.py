@@ -60,6 +60,7 @@ _SUB_ACTION, _SKILL = knowrob("subAction"), ms("skill")
 _ACTION = knowrob("Action")
 _NO_ACTIONS = frozenset({capability_class("Capability"), component_class("Component")})
 _SHOWN_NAMES = 5
+"""Number of classes that a hint names at most."""
 
 
 class RequirementKind(StrEnum):

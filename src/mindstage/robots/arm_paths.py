@@ -114,7 +114,6 @@ def follow_poses(
     """Solves a path pose by pose.
 
     Args:
-        arm: the arm that follows.
         poses: n x 7: poses of the grasp frame in the world frame.
         root: pose of the root link at the first pose.
         seed: positions of all joints before the first pose; the first solution is near to it.

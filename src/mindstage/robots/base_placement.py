@@ -20,7 +20,7 @@ from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.floor_poses import BasePose, wrapped
 from mindstage.robots.models.robot_model import Arm, BaseType
 from mindstage.robots.navigation import FloorMap
-from mindstage.robots.planning import find_arm
+from mindstage.robots.planning import ArmTask, find_arm
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import BASE_JOINTS, RobotKinematics
 from mindstage.robots.search_limits import CPU_S, SearchLimit
@@ -34,7 +34,8 @@ _BEARING_COUNT = 16
 _HEADINGS_RAD = (0.0, 0.4, -0.4, 0.9, -0.9)
 """Headings relative to that towards the targets, the preferred first."""
 _IK_ATTEMPTS = 4
-_SAMPLES = 300
+_SAMPLES = 600
+"""Number of random positions of an arm by which its reach is estimated."""
 _ONE_SIDED_M = 0.15
 """An arm whose grasp frame is so far from the base on average reaches to one side [m]."""
 _MAX_ADJUSTMENT_M = 0.35
@@ -43,7 +44,9 @@ _DRIVE_WEIGHT = 0.05
 _MOVE_COST = 0.1
 """Loss of score for any way at all."""
 _HEADING_WEIGHT = 0.1
+"""Loss of score for each radian by which the base faces aside."""
 _TRIALS_PER_ANSWER = 12
+"""Number of places that are tried for each one that is asked for, before the search ends."""
 _REGION_ATTEMPTS = 3
 
 
@@ -66,7 +69,7 @@ class _Reason(NamedTuple):
     obstacle: BodyId | None = None
 
 
-class _Placing:
+class _Placing(ArmTask):
     """The task of finding a place."""
 
     def __init__(
@@ -80,41 +83,27 @@ class _Placing:
         touch: Collection[BodyId],
         clearance_m: float,
     ) -> None:
-        self.robot, self.arm, self.free = robot, find_arm(robot, arm), free
+        here = robot.base_pose()
+        super().__init__(
+            robot, arm, start=None, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=1.0, base=here
+        )
+        self.free, self.here = free, here
         self.targets = np.array([normalized_pose_array(each) for each in targets])
         if not len(self.targets):
             raise InvalidArgumentError("targets", cause="there are none", remedy="give at least one pose")
-        self.kinematics = RobotKinematics(robot.model)
-        self.frame = self.kinematics.frame_of(self.arm)
-        self.positions = robot.joint_positions()
         self.rest = dict(zip(self.arm.joints, self.arm.rest_positions, strict=False))
-        self.here = robot.base_pose()
         self.base_frame = robot.base_frame()
-        self.checker = CollisionChecker(
-            robot, joints=self.arm.joints, base_moves=True, ignore=ignore, touch=touch, clearance_m=clearance_m
-        )
         self.floor = FloorMap(robot, ignore=ignore)
         self.reasons: Counter[_Reason] = Counter()
-        limits = np.array([self.kinematics.limits(joint) for joint in self.arm.joints])
-        self.is_limited = np.isfinite(limits).all(axis=1)
-        ranges = np.where(self.is_limited[:, None], limits, [-pi, pi])
-        self.middle, self.half = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
-        self.reach_m, self.side = self._extent()
-
-    def _extent(self) -> tuple[float, float]:
-        """The largest horizontal distance of the grasp frame from the base [m], and its mean direction [rad]."""
-        root = self.base_frame.root_at((0.0, 0.0, 0.0))
-        rows = self.middle + self.half * np.random.default_rng(0).uniform(-1.0, 1.0, (_SAMPLES, len(self.half)))
-        places = np.array(
-            [
-                self.kinematics.pose(
-                    self.frame, {**self.positions, **dict(zip(self.arm.joints, row, strict=True))}, root_pose=root
-                )[:2]
-                for row in rows.tolist()
-            ]
-        )
-        x, y = places.mean(axis=0).tolist()
-        return float(np.hypot(*places.T).max()), atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
+        self.is_limited = np.isfinite(self.upper - self.lower)
+        low, high = _ranges(self.kinematics, self.arm)
+        self.middle, self.half = (low + high) / 2, (high - low) / 2
+        points = _sampled_points(self.kinematics, self.arm, self.positions, self.base_frame.root_at((0.0, 0.0, 0.0)))
+        x, y = points.mean(axis=0).tolist()
+        self.reach_m = float(np.hypot(*points.T).max())
+        """The largest horizontal distance of the grasp frame from the base [m]."""
+        self.side = atan2(y, x) if hypot(x, y) > _ONE_SIDED_M else 0.0
+        """Its mean direction from there [rad]."""
 
     def candidates(self, max_distance_m: float | None) -> Iterator[tuple[BasePose, float]]:
         """Places that the base can drive to with a part of their score, in an order that covers all sides early."""
@@ -310,7 +299,8 @@ def reachable_region(
     now = robot.joint_positions()
     checker = CollisionChecker(robot, joints=used.joints, clearance_m=0.0) if collisions else None
     here = kinematics.pose(frame, now, root_pose=root)
-    low, high = _extent(kinematics, used, root)
+    points = _sampled_points(kinematics, used, {}, root)
+    low, high = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
     shape = [max(1, ceil((b - a) / step_m)) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
     tried: dict[tuple[int, int], Mapping[str, float] | None] = {}
     x, y = ((here[:2] - low) / step_m).tolist()
@@ -343,13 +333,15 @@ def reachable_region(
     return np.column_stack([low + reached * step_m, np.full(len(reached), height_m)])
 
 
-def _extent(kinematics: RobotKinematics, arm: Arm, root: Array) -> tuple[Array, Array]:
-    """The horizontal bounds of the grasp frame in random positions of the arm, lower and upper corner [m]."""
+def _ranges(kinematics: RobotKinematics, arm: Arm) -> tuple[Array, Array]:
+    """The limits of the joints of an arm [m or rad]; a turn for those without."""
     limits = np.array([kinematics.limits(joint) for joint in arm.joints])
-    limits = np.where(np.isfinite(limits), limits, [-pi, pi])
-    rows = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (600, len(limits)))
-    frame = kinematics.frame_of(arm)
-    places = np.array(
-        [kinematics.pose(frame, dict(zip(arm.joints, row, strict=True)), root_pose=root)[:2] for row in rows.tolist()]
-    )
-    return places.min(axis=0) - 0.1, places.max(axis=0) + 0.1
+    low, high = np.where(np.isfinite(limits).all(axis=1)[:, None], limits, [-pi, pi]).T
+    return low, high
+
+
+def _sampled_points(kinematics: RobotKinematics, arm: Arm, now: Mapping[str, float], root: Array) -> Array:
+    """Where the grasp frame is in random positions of the arm, n x 2: x and y [m]."""
+    rows = np.random.default_rng(0).uniform(*_ranges(kinematics, arm), (_SAMPLES, len(arm.joints)))
+    states = ({**now, **dict(zip(arm.joints, row, strict=True))} for row in rows.tolist())
+    return np.array([kinematics.pose(kinematics.frame_of(arm), each, root_pose=root)[:2] for each in states])

@@ -62,8 +62,16 @@ class Collision(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.part} is {text} mm {'inside' if self.distance_m < 0.0 else 'from'} {other}"
 
 
-def _in_mujoco(engine: Engine, session: Simulation) -> Engine:
-    """A copy of the world of another engine in MuJoCo."""
+def _collision(contacts: ContactModel, row: int, other: int, distance_m: float, least_m: float) -> Collision:
+    part = contacts.ids[row]
+    assert part is not None  # the ground is not a part of a robot
+    return Collision(part=part, obstacle=contacts.ids[other], distance_m=distance_m, least_m=least_m)
+
+
+def _in_mujoco(engine: Engine, session: Simulation) -> Any:
+    """The world of an engine in MuJoCo: a copy if it is another one."""
+    if engine.name == "mujoco":
+        return engine
     spawn = partial(Spawn, geometry=session.geometry, immovable=session.immovable)
     return copied_engine(engine, worlds=session.worlds, spawn=spawn, physics=True)[0]
 
@@ -169,7 +177,7 @@ class CollisionChecker:
         sizes = {body.id: body.size for body in robot.session.snapshot().bodies} if carried else {}
 
         def copy(engine: Engine) -> ContactModel:
-            source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
+            source = _in_mujoco(engine, robot.session)
             contents = {
                 id: carried[holder]
                 for holder in carried
@@ -289,9 +297,7 @@ class CollisionChecker:
         row, other, distance, least = min(found, key=lambda each: each[2])
         if not self._is_own[row] or (self._is_own[other] and other < row):
             row, other = other, row
-        part, obstacle = contacts.ids[row], contacts.ids[other]
-        assert part is not None  # the ground is not a part of a robot
-        return Collision(part=part, obstacle=obstacle, distance_m=distance, least_m=least)
+        return _collision(contacts, row, other, distance, least)
 
     def set_joint(self, joint: BodyId, position: float) -> None:
         """Moves a joint of the place, such as that of a drawer, for all states that are tested from now on.
@@ -359,9 +365,11 @@ class HandChecker:
         ignored = {*others, *robot.held.values()}
 
         def copy(engine: Engine) -> ContactModel:
-            source: Any = engine if engine.name == "mujoco" else _in_mujoco(engine, robot.session)
             return ContactModel(
-                source.compiled(), moving=self._hand, ignored=ignored, clearance_m=max(clearance_m, 0.0)
+                _in_mujoco(engine, robot.session).compiled(),
+                moving=self._hand,
+                ignored=ignored,
+                clearance_m=max(clearance_m, 0.0),
             )
 
         self._contacts = robot.session.engine.run(copy, label="copy for collisions")
@@ -371,14 +379,10 @@ class HandChecker:
         self._is_hand = np.array([id in self._hand for id in self._contacts.ids])
         self._may_be_touched = np.array([id in touch for id in self._contacts.ids])
         self._joints = []
-        for name, other in [
-            *((each, each) for each in gripper.joints),
-            *((j.name, j.mimic.joint) for j in model.joints if j.mimic is not None and j.mimic.joint in gripper.joints),
-        ]:
-            joint = next(each for each in model.joints if each.name == name)
-            factor, offset = (
-                (1.0, 0.0) if name == other or joint.mimic is None else (joint.mimic.multiplier, joint.mimic.offset)
-            )
+        fingers = [(name, name, 1.0, 0.0) for name in gripper.joints]
+        followers = [(each.name, each.mimic) for each in model.joints if each.mimic is not None]
+        fingers += [(n, m.joint, m.multiplier, m.offset) for n, m in followers if m.joint in gripper.joints]
+        for name, other, factor, offset in fingers:
             address, sign = self._contacts.address(robot.placed.joint_ids[name])
             self._joints.append((address, sign, other, factor, offset - robot.placed.zero[name]))
 
@@ -414,7 +418,4 @@ class HandChecker:
         row, other = rows[worst].tolist()
         if not self._is_hand[row]:
             row, other = other, row
-        part, obstacle = contacts.ids[row], contacts.ids[other]
-        assert part is not None  # the ground is not a part of a robot
-        distance_m, least_m = float(distances[worst]), float(least[worst])
-        return Collision(part=part, obstacle=obstacle, distance_m=distance_m, least_m=least_m)
+        return _collision(contacts, row, other, float(distances[worst]), float(least[worst]))

@@ -50,6 +50,7 @@ _SLOW = {True: 0.01, False: 0.05}
 _PATH_TOLERANCES = {True: 0.06, False: 0.25}
 """Largest deviation from a trajectory [m or rad], after which it is given up."""
 _GOAL_TOLERANCES = {True: 0.01, False: 0.02}
+"""Largest error of a prismatic [m] or revolute joint [rad] at the end of a trajectory."""
 _STALLED_S = 0.2
 _GRIPPER_TOLERANCE_M = 0.002
 _GRIPPER_TIMEOUT_S = 2.0
@@ -213,7 +214,8 @@ class MotionGoal:
         """None before the first update."""
         self.result: MotionResult | None = None
         """None while it is active."""
-        self._cancel = self._halt = False
+        self.is_canceled = self.is_halted = False
+        """Whether it ends at the next update, and whether it was halted rather than canceled."""
 
     @property
     def status(self) -> MotionOutcome:
@@ -222,21 +224,11 @@ class MotionGoal:
 
     def cancel(self) -> None:
         """Ends it at the next update; its joints stop and hold their positions."""
-        self._cancel = True
+        self.is_canceled = True
 
     def halt(self) -> None:
         """As `cancel`, but its joints stop where they are, without a ramp: for what has been pressed into something."""
-        self._cancel = self._halt = True
-
-    @property
-    def is_halted(self) -> bool:
-        """Whether it was halted rather than canceled."""
-        return self._halt
-
-    @property
-    def is_canceled(self) -> bool:
-        """Whether it ends at the next update."""
-        return self._cancel
+        self.is_canceled = self.is_halted = True
 
     def update(self, view: ControlView) -> dict[str, float]:
         """Commands for the next period, by actuator; it may end the goal."""
@@ -377,8 +369,7 @@ class JointGoal(MotionGoal):
         drive = self._drives[index]
         moved = frozenset[BodyId]().union(*(each.moved for each in self._drives))
         obstacles = view.obstacles(drive.moved) or view.obstacles(moved)
-        unit = "m" if drive.is_prismatic else "rad"
-        what = f"{drive.name} is {abs(float(error[index])):.3g} {unit} from its path"
+        what = f"{drive.name} is {abs(float(error[index])):.3g} {drive.joint.unit} from its path"
         if len(blocked):
             what = f"{drive.name} does not move at its largest effort ({drive.effort_limit:.3g})"
         failure = MotionFailure.BLOCKED if len(blocked) or obstacles else MotionFailure.PATH_TOLERANCE
@@ -395,8 +386,7 @@ class JointGoal(MotionGoal):
         elif self.elapsed_s > self._spline.duration_s + self._goal_time_tolerance_s:
             worst = int(np.argmax(np.abs(error) / self._tolerance))
             drive = self._drives[worst]
-            unit = "m" if drive.is_prismatic else "rad"
-            reason = f"{drive.name} is {abs(float(error[worst])):.3g} {unit} from its goal"
+            reason = f"{drive.name} is {abs(float(error[worst])):.3g} {drive.joint.unit} from its goal"
             if is_near.all():
                 reason = f"{drive.name} is not at rest"
             self.end(MotionOutcome.FAILED, reason, failure=MotionFailure.GOAL_TOLERANCE, error=self.errors())

@@ -20,7 +20,7 @@ from mindstage.engines.base import Actuator, ActuatorMode, Engine
 from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.robots.floor_poses import BasePose, base_pose_of, planar_inverse, planar_multiply, planar_pose
-from mindstage.robots.models.robot_model import BaseType, Gripper, RobotJoint, RobotJointType, RobotModel
+from mindstage.robots.models.robot_model import BaseType, Gripper, RobotJoint, RobotModel
 from mindstage.robots.world import RobotWorld
 from mindstage.scene import Body, BodyId, Joint, Pose
 from mindstage.scene.transforms import (
@@ -37,6 +37,7 @@ __all__ = ["BaseDrive", "JointDrive", "RobotDrives", "drives_of"]
 _FULL_EFFORT_ERRORS = {True: 0.004, False: 0.015}
 """The error at which the drive of a prismatic [m] or revolute joint [rad] has its largest effort."""
 _FINGER_FULL_EFFORT_ERRORS = {True: 0.01, False: 0.1}
+"""The same of the drive of a finger [m or rad]."""
 _MAX_FREQUENCY = 120.0
 """Largest natural frequency of a drive [rad/s], as a part of the frequency of the physics steps (500 Hz)."""
 _MAX_FINGER_FREQUENCY_RAD_S = 200.0
@@ -45,6 +46,7 @@ _GRAVITY_M_S2 = 9.81
 _EFFORT_MARGIN = 3.0
 """A joint without a stated effort can lift so many times what it carries."""
 _MIN_EFFORTS = {True: 50.0, False: 10.0}
+"""Least effort of a drive whose description has none, of a prismatic [N] or revolute joint [N m]."""
 _FREE_SPEED = 0.9
 """Part of its velocity limit at which the damping of a finger takes its largest effort."""
 _LINK_MASS_KG = 0.5
@@ -88,7 +90,7 @@ class JointDrive(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def is_prismatic(self) -> bool:
         """Whether positions are in meters; otherwise in radians."""
-        return self.joint.type is RobotJointType.PRISMATIC
+        return self.joint.is_prismatic
 
     @property
     def lag_s(self) -> float:
@@ -285,7 +287,7 @@ def _joint_drive(
     is_finger: bool,
     finger_force_n: float,
 ) -> JointDrive:
-    is_prismatic = joint.type is RobotJointType.PRISMATIC
+    is_prismatic = joint.is_prismatic
     effort = joint.effort or max(_MIN_EFFORTS[is_prismatic], _EFFORT_MARGIN * load)
     errors, frequency, least_damping = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY, 0.0
     if is_finger:

@@ -220,7 +220,6 @@ def add_robot(
     """Spawns a robot with its drives: `add_robot(sim, "mobile_manipulator")`.
 
     Args:
-        session: the simulation.
         source: the name of a known model, the path of a description (URDF, xacro, MJCF), or a model.
         pose: where it stands on the floor, in the world frame; three numbers are x, y and z, without a rotation.
         name: its name; by default that of the model, numbered if there are several.

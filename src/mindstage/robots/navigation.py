@@ -48,6 +48,7 @@ _STEP_M, _STEP_RAD = 0.04, 0.1
 _CORNER_M = 0.3
 """Largest distance from a corner at which its rounding begins [m]."""
 _CORNER_POINTS = 7
+"""Number of points of a rounded corner."""
 _START_M = 1.0
 """Where the disc has no room around the base, ways begin at the free cells that are so near: the base itself, which is
 smaller than the disc, may get there, which `plan_base` tests."""

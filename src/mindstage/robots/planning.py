@@ -30,7 +30,7 @@ from mindstage.robots.trajectories import JointTrajectory, spline_of
 from mindstage.scene import BodyId, PoseLike, as_pose
 from mindstage.scene.transforms import Array, normalized_pose_array
 
-__all__ = ["find_arm", "load_ompl", "plan_arm", "plan_path", "termination"]
+__all__ = ["ArmTask", "find_arm", "load_ompl", "plan_arm", "plan_path", "termination"]
 
 _STEP = 0.05
 """Distance between two states that are checked [rad]."""
@@ -45,6 +45,7 @@ _TEST_STEP = 0.015
 _TEST_SLACK_M = 0.001
 """How much nearer they may be than the states of the path [m]."""
 _MAX_GOALS = 6
+"""Number of configurations at a target that are looked for."""
 _FREQUENT = 0.2
 """Obstacles that were met by less than this part of the most frequent one are not named."""
 _SHORTCUT_TESTS = 1500
@@ -109,7 +110,7 @@ def termination(limit: SearchLimit, last: int | None = None) -> Any:
     return _ompl().base.PlannerTerminationCondition(is_over)
 
 
-class _ArmTask:
+class ArmTask:
     """One arm, where it is, and what is in its way."""
 
     def __init__(
@@ -132,7 +133,7 @@ class _ArmTask:
         self.joints = [by_name[name] for name in self.arm.joints]
         self.limits = MotionLimits.of(self.joints, speed=speed)
         self.positions = {**robot.joint_positions(), **(start or {})}
-        self.scale = np.array([_SLIDE_SCALE if j.type is RobotJointType.PRISMATIC else 1.0 for j in self.joints])
+        self.scale = np.array([_SLIDE_SCALE if j.is_prismatic else 1.0 for j in self.joints])
         bounds = np.array([self.kinematics.limits(joint.name) for joint in self.joints])
         self.lower, self.upper = bounds[:, 0], bounds[:, 1]
         self.start = np.array([self.positions[joint.name] for joint in self.joints])
@@ -167,6 +168,7 @@ class _ArmTask:
         return found
 
     def is_free(self, values: Array) -> bool:
+        """Whether a state has no collision; see `collision`."""
         return self.collision(values) is None
 
     def first_collision(self, a: Array, b: Array) -> Collision | None:
@@ -193,6 +195,7 @@ class _ArmTask:
         return True
 
     def unreachable(self, target: str, reason: str, obstacle: BodyId | None = None) -> UnreachableError:
+        """The error of this robot."""
         return UnreachableError(self.robot.name, target=target, reason=reason, obstacle=obstacle)
 
     def nearest_turn(self, values: Array) -> Array:
@@ -248,7 +251,7 @@ def plan_arm(
             obstacle that was met most often.
     """
     limit = SearchLimit(max_tests, cpu_s=cpu_s, part_of=part_of)
-    task = _ArmTask(
+    task = ArmTask(
         robot,
         arm,
         start=start,
@@ -309,7 +312,7 @@ def plan_path(
     corners = [normalized_pose_array(each) for each in poses]
     if not corners:
         raise InvalidArgumentError("poses", cause="there are none", remedy="give at least one")
-    task = _ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
+    task = ArmTask(robot, arm, start=start, ignore=ignore, touch=touch, clearance_m=clearance_m, speed=speed)
     here = task.kinematics.pose(task.frame, task.positions, root_pose=task.root_pose)
     line = np.concatenate([interpolated_poses(a, b, step_m=_LINE_STEP_M)[1:] for a, b in pairwise([here, *corners])])
     found = follow_poses(
@@ -335,7 +338,7 @@ def _target_text(target: Mapping[str, float] | PoseLike) -> str:
     return f"({x:.3g}, {y:.3g}, {z:.3g})"
 
 
-def _goals(task: _ArmTask, target: Mapping[str, float] | PoseLike, free: str) -> list[Array]:
+def _goals(task: ArmTask, target: Mapping[str, float] | PoseLike, free: str) -> list[Array]:
     """States without collisions that reach a target, the nearest one first."""
     text = _target_text(target)
     if isinstance(target, Mapping):
@@ -367,7 +370,7 @@ def _goals(task: _ArmTask, target: Mapping[str, float] | PoseLike, free: str) ->
     return sorted(goals, key=lambda values: float(np.linalg.norm((values - task.start) / task.scale)))
 
 
-def _joint_goal(task: _ArmTask, target: Mapping[str, float], text: str) -> Array:
+def _joint_goal(task: ArmTask, target: Mapping[str, float], text: str) -> Array:
     """The state with some joints at given positions.
 
     Raises:
@@ -383,17 +386,16 @@ def _joint_goal(task: _ArmTask, target: Mapping[str, float], text: str) -> Array
         row = names.index(name)
         low, high = float(task.lower[row]), float(task.upper[row])
         if not low - 1e-4 <= value <= high + 1e-4:
-            unit = "m" if task.joints[row].type is RobotJointType.PRISMATIC else "rad"
             side = "lower" if value < low else "upper"
             limit = low if value < low else high
-            raise task.unreachable(text, f"the {side} limit of {name} is {limit:.4g} {unit}")
+            raise task.unreachable(text, f"the {side} limit of {name} is {limit:.4g} {task.joints[row].unit}")
         goal[row] = np.clip(value, low, high)
     if (collision := task.test(task.nearest_turn(goal))) is not None:
         raise task.unreachable(text, f"there {collision}", collision.obstacle)
     return task.nearest_turn(goal)
 
 
-def _search(task: _ArmTask, goals: Sequence[Array], text: str, limit: SearchLimit, seed: int) -> Array:
+def _search(task: ArmTask, goals: Sequence[Array], text: str, limit: SearchLimit, seed: int) -> Array:
     """A path of straight segments in joint space, found by RRT-Connect and shortened.
 
     Raises:
@@ -444,7 +446,7 @@ def _state(space: Any, values: Array) -> Any:
     return state
 
 
-def _not_found(task: _ArmTask, text: str, goals: int, limit: SearchLimit) -> UnreachableError:
+def _not_found(task: ArmTask, text: str, goals: int, limit: SearchLimit) -> UnreachableError:
     own = set(task.robot.placed.link_ids.values())
     hits = {obstacle: count for obstacle, count in task.hits.most_common() if obstacle is not None}
     most = max(hits.values(), default=0)
@@ -457,13 +459,13 @@ def _not_found(task: _ArmTask, text: str, goals: int, limit: SearchLimit) -> Unr
     return task.unreachable(text, f"no way was found {limit}{where}{blocked}", obstacle)
 
 
-def _timed(task: _ArmTask, points: Array) -> JointTrajectory:
+def _timed(task: ArmTask, points: Array) -> JointTrajectory:
     """A trajectory along straight segments in joint space, with rounded corners."""
     pieces = rounded_polyline(points, task.scale, task.is_free) or [resting_path(points[0])]
     return retimed(task.arm.joints, pieces, task.limits)
 
 
-def _speed_limits(task: _ArmTask, positions: Array, parameter: Array, max_velocity: float) -> Array:
+def _speed_limits(task: ArmTask, positions: Array, parameter: Array, max_velocity: float) -> Array:
     """For each sample of a path, how quickly its parameter may change so that the grasp frame is not too quick."""
     places = np.array(
         [

@@ -10,13 +10,13 @@ do by arcs, since a corner can only be passed at rest.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil, inf
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 
 from mindstage.errors import InvalidArgumentError
-from mindstage.robots.models.robot_model import RobotJoint, RobotJointType
+from mindstage.robots.models.robot_model import RobotJoint
 from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 from mindstage.scene.transforms import Array
 
@@ -33,6 +33,7 @@ _MARGIN = 0.97
 _PERIOD_S = 0.05
 """Time between two points of a trajectory [s]."""
 _SAMPLES_OF_BLEND = 13
+"""Number of samples of a rounded corner."""
 _MIN_LINE_SAMPLES = 3
 """It is at rest at both ends, so that it can only move at a sample between them."""
 _LEAST_STEP = 1e-5
@@ -47,7 +48,9 @@ _MIN_BLEND = 1e-3
 _MIN_SPREAD = 0.3
 """Least distance between two points of a spline as part of the median."""
 _CANDIDATES = 48
+"""Number of squared speeds that are compared at a sample."""
 _REFINEMENTS = 2
+"""How often the interval between two of them is divided anew."""
 
 
 class MotionLimits(NamedTuple):
@@ -73,16 +76,14 @@ class MotionLimits(NamedTuple):
         """
         if not 0.0 < speed <= 1.0:
             raise InvalidArgumentError("speed", cause=f"{speed:g} is out of range", remedy="give above 0, at most 1")
-        is_slide = [joint.type is RobotJointType.PRISMATIC for joint in joints]
+        is_slide = [joint.is_prismatic for joint in joints]
         velocity = np.array(
             [joint.velocity or _DEFAULT_VELOCITIES[slide] for joint, slide in zip(joints, is_slide, strict=True)]
         )
         largest = np.array([_MAX_ACCELERATIONS[slide] for slide in is_slide])
-        is_endless = [joint.type is RobotJointType.CONTINUOUS for joint in joints]
-        lower = [-inf if endless or j.lower is None else j.lower for j, endless in zip(joints, is_endless, strict=True)]
-        upper = [inf if endless or j.upper is None else j.upper for j, endless in zip(joints, is_endless, strict=True)]
+        lower, upper = np.array([joint.limits for joint in joints]).T
         acceleration = np.minimum(velocity * speed / _SPEED_UP_S, largest)
-        return cls(velocity * speed, acceleration, np.array(lower), np.array(upper))
+        return cls(velocity * speed, acceleration, lower, upper)
 
 
 class PathSamples(NamedTuple):

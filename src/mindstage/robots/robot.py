@@ -91,10 +91,8 @@ class Robot:
 
         Args:
             name: its name in the simulation.
-            model: its description.
             placed: its bodies and joints.
             edit: the `AddRobot` that has added it.
-            session: the simulation.
             controller: what commands its actuators.
             report: of the spawn of its bodies.
             start_skill: starts a skill, as `robots.skills.start_skill`, whose module imports this one.

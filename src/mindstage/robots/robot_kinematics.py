@@ -39,11 +39,13 @@ _IDENTITY = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _ORIENTATION_COST = 0.3
 """Meters that count as much as one radian."""
 _POSTURE_COST = 3e-4
+"""Meters that count as much as a step of a joint away from its seed [m/rad or m/m]."""
 _SLIDE_WEIGHT = 6.0
 """A slide that moves by 1 m costs as much as a hinge that turns by the square root of this [rad]."""
 _DAMPING = 1e-6
 """Least regularization of a step, added to the squares of weighted derivatives; dimensionless."""
 _LM_DAMPING = 1e-2
+"""Levenberg-Marquardt damping of mink, a part of the squared error; dimensionless."""
 _MAX_STEP = 1.0
 """Largest change of a joint in an iteration [m or rad]: beyond it the linearization is worthless."""
 _MAX_ITERATIONS = 60
@@ -134,7 +136,7 @@ class _Chain:
         for joint in path:
             pending = pose_multiply(pending, normalized_pose_array(joint.origin))
             if joint.is_movable:
-                is_slide = joint.type is RobotJointType.PRISMATIC
+                is_slide = joint.is_prismatic
                 kind = ChainJointType.SLIDE if is_slide else ChainJointType.HINGE
                 joints.append(ChainJoint(joint.name, kind, pending, joint.axis, _range(joint)))
                 pending = _IDENTITY
@@ -570,7 +572,6 @@ def _upper_reach(chain: _Chain, first: int, q: Array) -> float:
     """An upper bound of the distance between the first hinge that moves and the frame [m].
 
     Args:
-        chain: the joints.
         first: the hinge.
         q: any coordinates.
     """

@@ -52,7 +52,6 @@ def measure(robot: Robot, sensor: str, link: str = "") -> object:
     """What a sensor measures now at a link of a robot.
 
     Args:
-        robot: the robot.
         sensor: the name of the kind of sensor, such as "laser_scanner".
         link: the link; by default that of the first sensor of this type in the description, or that of the base.
 

@@ -327,7 +327,7 @@ def skill(
     """
 
     def declare(function: Callable[..., SkillMotion]) -> Skill:
-        documentation = _without_task(inspect.cleandoc(function.__doc__ or ""))
+        documentation = inspect.cleandoc(function.__doc__ or "")
         spec = SkillSpec(
             name=name or function.__name__,
             summary=documentation.split("\n\n")[0].replace("\n", " "),
@@ -361,13 +361,6 @@ def _parameter_type(hint: object) -> ParameterType:
         if isinstance(each, ParameterType):
             return each
     return next(found for each in get_args(hint) if get_args(each) and (found := _parameter_type(each)))
-
-
-def _without_task(documentation: str) -> str:
-    """A docstring without its first parameter, which is no argument of the skill."""
-    lines = documentation.splitlines()
-    kept = (line for line in lines if not line.startswith("    task: "))
-    return "\n".join(kept)
 
 
 def _descriptions(documentation: str) -> dict[str, str]:

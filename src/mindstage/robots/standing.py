@@ -37,7 +37,6 @@ def add_standing_robot(
     """Adds a robot that stands on the floor.
 
     Args:
-        session: the simulation.
         source: the name of a known model, the path of a description, or a model.
         place: x, y [m] and yaw [rad] in the world frame; by default a free place in the middle of the floor, away from
             everything else.

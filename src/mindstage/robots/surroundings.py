@@ -7,6 +7,7 @@ in, where its kind is stored: these are answers to declared questions about the 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -16,11 +17,11 @@ from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry
-from mindstage.scene.transforms import Array, normalize, pose_inverse, pose_multiply, quat_rotate
+from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply, quat_rotate
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.simulation import Simulation
 
-__all__ = ["ArticulatedPart", "Surroundings"]
+__all__ = ["ArticulatedPart", "Surroundings", "Thing"]
 
 _RELATIONS = {True: "into", False: "onto"}
 _CLOSED_SHARE = 0.05
@@ -49,6 +50,23 @@ class ArticulatedPart(msgspec.Struct, frozen=True, eq=False, kw_only=True):
         return self.openness < _CLOSED_SHARE
 
 
+class Thing(NamedTuple):
+    """A thing that a robot handles, as it is at one time."""
+
+    id: BodyId
+    body: Body
+    geometry: BodyGeometry | None
+    """None if it is its primitive shape."""
+    pose: Array
+    """Position [m] and unit quaternion (w, x, y, z) in the world frame."""
+    low: Array
+    """The lowest corner of its box along the axes of the world [m]."""
+    high: Array
+    """The highest one [m]."""
+    container: tuple[Array, Array] | None
+    """The lowest and the highest corner of what it is in [m]."""
+
+
 class Surroundings:
     """Answers about the things of a running world; a new one is made after bodies were added or removed."""
 
@@ -56,7 +74,6 @@ class Surroundings:
         """Takes a snapshot of the world.
 
         Args:
-            session: the simulation.
             ignored: bodies that are not things of the world, such as the links of robots.
         """
         self._session = session
@@ -111,6 +128,16 @@ class Surroundings:
         corners = np.array(np.meshgrid(*[(-each / 2, each / 2) for each in size])).reshape(3, -1).T
         placed = pose[:3] + quat_rotate(pose[3:], corners)
         return placed.min(axis=0), placed.max(axis=0)
+
+    def thing(self, id: BodyId) -> Thing:
+        """What is to be known of a thing to handle it.
+
+        Raises:
+            BodyNotFoundError: it does not exist.
+        """
+        inside = self.containers_of(id)
+        container = self.box(inside[0]) if inside else None
+        return Thing(id, self.body(id), self.geometry(id), self.pose(id), *self.box(id), container)
 
     def find(self, name: str) -> BodyId:
         """The body of that id or IRI, the individual named by these words, or the only body of that class.
@@ -242,13 +269,7 @@ class Surroundings:
 
     def _offset(self, part: ArticulatedPart, point: Array) -> float:
         """The distance of a point from the middle of a closed part, in its plane [m]."""
-        closed = np.concatenate(
-            [
-                np.asarray(part.joint.pose_at(part.joint.closed_position).position),
-                np.asarray(part.joint.pose_at(part.joint.closed_position).quaternion),
-            ]
-        )
-        closed[3:] = normalize(closed[3:])
+        closed = normalized_pose_array(part.joint.pose_at(part.joint.closed_position))
         local = pose_multiply(pose_inverse(closed), np.array([*point, 1.0, 0.0, 0.0, 0.0]))[:3]
         size = np.asarray(self.body(part.id).size or (0.0, 0.0, 0.0))
         across = [axis for axis in range(3) if axis != int(np.argmin(size))]

@@ -36,6 +36,7 @@ _MIN_DURATION_S = 0.05
 _QUINTIC_PEAK_VELOCITY = 1.875
 """Peak velocity of a quintic from rest to rest of length 1 in time 1."""
 _QUINTIC_PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
+"""Peak acceleration of that quintic; dimensionless, as the velocity."""
 
 
 class TrajectoryPoint(msgspec.Struct, frozen=True, kw_only=True):
@@ -241,7 +242,6 @@ def _check_form(trajectory: JointTrajectory, limits: Mapping[str, RobotJoint], r
 def _check_positions(joints: Sequence[RobotJoint], times: Array, positions: Array, robot: str) -> None:
     """Refuses positions beyond a limit; those that are so by rounding are moved to it."""
     for column, joint in enumerate(joints):
-        unit = _unit(joint)
         for limit, sign, word in ((joint.lower, -1.0, "lower"), (joint.upper, 1.0, "upper")):
             if limit is None:
                 continue
@@ -250,8 +250,8 @@ def _check_positions(joints: Sequence[RobotJoint], times: Array, positions: Arra
             if beyond[row] > _LIMIT_SLACK:
                 raise _refused(
                     robot,
-                    f"{joint.name} = {positions[row, column]:.4g} {unit}",
-                    f"its {word} limit is {limit:.4g} {unit} (point {row + 1}, at {times[row]:g} s)",
+                    f"{joint.name} = {positions[row, column]:.4g} {joint.unit}",
+                    f"its {word} limit is {limit:.4g} {joint.unit} (point {row + 1}, at {times[row]:g} s)",
                     "stay within the limits",
                 )
             positions[beyond > 0.0, column] = limit
@@ -260,13 +260,12 @@ def _check_positions(joints: Sequence[RobotJoint], times: Array, positions: Arra
 def _check_start(joints: Sequence[RobotJoint], first: Array, now: Array, robot: str) -> None:
     """Refuses a trajectory whose first point, at time 0, is not where the robot is."""
     for joint, position, current in zip(joints, first.tolist(), now.tolist(), strict=True):
-        tolerance = START_TOLERANCES[joint.type is RobotJointType.PRISMATIC]
+        tolerance = START_TOLERANCES[joint.is_prismatic]
         if abs(position - current) > tolerance:
-            unit = _unit(joint)
             raise _refused(
                 robot,
-                f"a start at {joint.name} = {position:.4g} {unit}",
-                f"it is at {current:.4g} {unit}, and the tolerance is {tolerance:g} {unit}",
+                f"a start at {joint.name} = {position:.4g} {joint.unit}",
+                f"it is at {current:.4g} {joint.unit}, and the tolerance is {tolerance:g} {joint.unit}",
                 "start at the current state, or give the first point a time after 0",
             )
 
@@ -314,13 +313,12 @@ def _check_extremes(spline: JointSpline, joints: Sequence[RobotJoint], robot: st
         powers = at[..., None] ** np.arange(6)
         position = (powers * c[:, None, :, column]).sum(axis=-1)
         velocity = (powers[..., :5] * (np.arange(1, 6) * c[:, 1:, column])[:, None]).sum(axis=-1)
-        unit = _unit(joint)
         if joint.velocity and (peak := float(np.abs(velocity).max())) > joint.velocity * _VELOCITY_SLACK:
             segment = int(np.abs(velocity).max(axis=1).argmax())
             raise _refused(
                 robot,
-                f"{joint.name} with {peak:.4g} {unit}/s",
-                f"its velocity limit is {joint.velocity:.4g} {unit}/s (from {spline.times[segment]:.3g} s on)",
+                f"{joint.name} with {peak:.4g} {joint.unit}/s",
+                f"its velocity limit is {joint.velocity:.4g} {joint.unit}/s (from {spline.times[segment]:.3g} s on)",
                 "give it more time",
             )
         for limit, sign in ((joint.lower, -1.0), (joint.upper, 1.0)):
@@ -328,11 +326,7 @@ def _check_extremes(spline: JointSpline, joints: Sequence[RobotJoint], robot: st
                 worst = float(position.flat[int((sign * position).argmax())])
                 raise _refused(
                     robot,
-                    f"{joint.name} = {worst:.4g} {unit} between two points",
-                    f"its limit is {limit:.4g} {unit}",
+                    f"{joint.name} = {worst:.4g} {joint.unit} between two points",
+                    f"its limit is {limit:.4g} {joint.unit}",
                     "give the points near it smaller velocities",
                 )
-
-
-def _unit(joint: RobotJoint) -> str:
-    return "m" if joint.type is RobotJointType.PRISMATIC else "rad"

@@ -18,7 +18,7 @@ from mindstage.rdf.vocabulary import URDF_LINK
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_geometry import hull_shape
 from mindstage.robots.models.link_tree import shape_points
-from mindstage.robots.models.robot_model import BaseType, RobotJoint, RobotJointType, RobotLink, RobotModel
+from mindstage.robots.models.robot_model import BaseType, RobotJoint, RobotLink, RobotModel
 from mindstage.scene import (
     AngularLimits,
     Attachment,
@@ -245,7 +245,7 @@ class _RobotWorldBuilder:
             motion, middle, half = AxisMotion.LIMITED, (lower + upper) / 2, (upper - lower) / 2
         soft = SoftLimit(damping=joint.damping)
         linear, angular = LinearLimits(), AngularLimits()
-        if joint.type is RobotJointType.PRISMATIC:
+        if joint.is_prismatic:
             linear = LinearLimits(x=motion, limit=half, x_middle=middle, soft_limit=soft)
         else:
             angular = AngularLimits(twist=motion, twist_limit=half, twist_middle=middle, twist_soft_limit=soft)

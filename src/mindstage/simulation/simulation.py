@@ -267,7 +267,7 @@ class Simulation:
             world: a world, or the name or IRI of a map; by default the only map.
             geometry: the geometry of its bodies, instead of fitting it.
             persistent: whether `reset` restores it; otherwise `reset` removes it.
-            ground: whether a ground plane is added where nothing is below loose bodies.
+            ground: whether a ground is assumed where nothing is below loose bodies.
             check_rest: whether the report names the bodies that move away in the first two simulated seconds, which
                 are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
             title: the name of the edit in the undo history; without one it cannot be undone. With one, nothing is

@@ -29,7 +29,7 @@ from mindstage.ranges import Angle, Coordinate
 from mindstage.robots import find_robot, robots_of
 from mindstage.robots.base_placement import reachable_region
 from mindstage.robots.models.catalog import list_models
-from mindstage.robots.models.robot_model import Arm, RobotJointType
+from mindstage.robots.models.robot_model import Arm
 from mindstage.robots.robot import Robot
 from mindstage.robots.robot_kinematics import RobotKinematics
 from mindstage.robots.sensors import measure, sensor_names
@@ -591,7 +591,7 @@ def _described(robot: Robot) -> dict[str, object]:
                 "name": joint.name,
                 "lower": joint.lower,
                 "upper": joint.upper,
-                "is_prismatic": joint.type is RobotJointType.PRISMATIC,
+                "is_prismatic": joint.is_prismatic,
                 "group": groups.get(joint.name, ""),
             }
             for joint in model.actuated_joints

@@ -50,7 +50,7 @@ def joint_motion(joint: RobotJoint, position: float) -> Array:
     """Returns the frame of the child in the joint frame at a position [m or rad], an array of 7."""
     if joint.type is RobotJointType.FIXED:
         return _IDENTITY
-    return axis_displacement(joint.axis, position, is_prismatic=joint.type is RobotJointType.PRISMATIC)
+    return axis_displacement(joint.axis, position, is_prismatic=joint.is_prismatic)
 
 
 def link_poses(joints: Iterable[RobotJoint], positions: Mapping[str, float], root: str) -> dict[str, Array]:

@@ -50,7 +50,6 @@ def analyze_gripper(
     """Computes a gripper from its joints; None if none of them moves a link with a collision shape.
 
     Args:
-        tree: the robot.
         name: the name of the gripper.
         link: the link that carries the fingers.
         joints: the movable joints of the fingers, followers included.

@@ -46,6 +46,7 @@ _MESHES = {
     CollisionShapeType.SPHERE: triangle_meshes.sphere,
 }
 _DEFAULT_COLOR = (0.75, 0.75, 0.78)
+"""Red, green, blue and opacity, each from 0 to 1."""
 _MAX_HULL_POINTS = 96
 """Most vertices of a collision hull; the hull of a link of a real arm deviates by less than 2 mm then."""
 

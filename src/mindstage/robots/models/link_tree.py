@@ -16,6 +16,7 @@ from mindstage.scene.transforms import Array, normalized_pose_array, quat_rotate
 __all__ = ["LinkTree", "shape_points", "sorted_tree"]
 
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
+"""Angles of the points of a circle [rad]."""
 
 
 def sorted_tree(

@@ -7,6 +7,7 @@ base. Lengths are in meters, angles in radians, masses in kilograms, forces in n
 from __future__ import annotations
 
 from enum import StrEnum
+from math import inf
 
 import msgspec
 
@@ -81,6 +82,23 @@ class RobotJoint(msgspec.Struct, frozen=True, kw_only=True):
     def is_movable(self) -> bool:
         """Whether it moves; it may follow another joint."""
         return self.type is not RobotJointType.FIXED
+
+    @property
+    def is_prismatic(self) -> bool:
+        """Whether positions are in meters; otherwise in radians."""
+        return self.type is RobotJointType.PRISMATIC
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Both limits [m or rad]; infinite without one, and of a joint that turns freely."""
+        if self.type is RobotJointType.CONTINUOUS:
+            return -inf, inf
+        return -inf if self.lower is None else self.lower, inf if self.upper is None else self.upper
+
+    @property
+    def unit(self) -> str:
+        """That of its positions: "m" or "rad"."""
+        return "m" if self.is_prismatic else "rad"
 
     @property
     def is_actuated(self) -> bool:

@@ -35,7 +35,9 @@ __all__ = ["RobotStructure", "base_type", "find_structure", "wheel_joints"]
 _REST_STATES = ("rest", "tuck", "fold", "travel", "transport", "stow", "home", "park", "ready")
 """Words in the names of positions in which an arm is out of the way, the best first."""
 _MIN_ARM_JOINTS = 4
+"""Number of drives from which on a stated chain is an arm."""
 _MIN_GUESSED_ARM_JOINTS = 5
+"""The same of a chain that nothing states to be one."""
 _WHEEL = re.compile(r"wheel|caster|roller|suspension", re.IGNORECASE)
 _CASTER = re.compile(r"caster", re.IGNORECASE)
 _ARM = re.compile(r"arm|manipulator", re.IGNORECASE)
@@ -73,7 +75,6 @@ def find_structure(tree: LinkTree, srdf: Srdf, *, base: BaseType) -> RobotStruct
     """Finds the parts of a robot.
 
     Args:
-        tree: the robot.
         srdf: its SRDF; empty if there is none.
         base: the result of `base_type`.
     """

@@ -35,7 +35,9 @@ from mindstage.simulation.simulation import Simulation
 __all__ = ["ACTION_TYPES", "DesignatedSkill", "DesignatorChoice", "read_designator"]
 
 _MAX_DEPTH = 10
+"""Number of levels to which designators may be nested."""
 _MAX_CHARACTERS = 20_000
+"""Largest length of a designator in characters."""
 
 
 class DesignatorChoice(msgspec.Struct, frozen=True, kw_only=True):

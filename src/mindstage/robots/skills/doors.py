@@ -33,6 +33,7 @@ _MOVED = 0.03
 _WHOLE, _EXACT, _MISSING = 0.98, 0.02, 0.15
 """After a motion that was planned for so much of the path, a part is pulled on if it is off by more, and less."""
 _REST_POSES = 5
+"""Number of poses of the rest of a motion."""
 _MAX_ROUNDS = 10
 """How often the handle is grasped anew to move the part farther."""
 _LEAST_PROGRESS = 0.08
@@ -44,7 +45,6 @@ def open_thing(task: SkillTask, thing: ThingName, fraction: FractionOpen = 1.0) 
     """Opens a door or drawer by its handle.
 
     Args:
-        task: this performance of the skill.
         thing: the door or drawer, or a container with one.
         fraction: how far, from 0 (closed) to 1.
     """
@@ -58,7 +58,6 @@ def close_thing(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Closes a door or drawer.
 
     Args:
-        task: this performance of the skill.
         thing: the door or drawer, or a container with one; of a container everything that is open.
     """
     surroundings = task.surroundings()
@@ -144,8 +143,6 @@ def _moving_once(
     """Grasps a handle or an edge, or touches a side, moves it as far as possible from one placement, and releases it.
 
     Args:
-        hand: the arm.
-        part: the door or drawer.
         motion: the placement and the path.
         verb: "open" or "close".
         fraction: where to, from 0 to 1.

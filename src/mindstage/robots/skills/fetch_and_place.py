@@ -25,7 +25,6 @@ def put_away(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Puts a thing where its kind is stored; opens what is closed, and closes it again.
 
     Args:
-        task: this performance of the skill.
         thing: what to put away.
     """
     surroundings = task.surroundings()
@@ -76,7 +75,6 @@ def fetch(task: SkillTask, kind: ClassName) -> SkillMotion:
     """Finds a thing of a kind, picks it up and brings it to where the robot started.
 
     Args:
-        task: this performance of the skill.
         kind: the class of the thing.
     """
     surroundings = task.surroundings()

@@ -69,6 +69,7 @@ _CHECKED_EVERY = 3
 _AVOIDED_M, _AVOIDED_RAD = 0.1, 0.3
 """A place that is nearer to an avoided one, with a similar heading, is not another one."""
 _MAX_NAMES = 3
+"""Number of bodies that a reason names at most."""
 _MAX_GRASPS = 12
 """Number of grasps that are tried at each place."""
 
@@ -141,7 +142,6 @@ def find_grasp_motion(hand: Manipulator, request: GraspMotionRequest, floor: Flo
     """The best of the places tried: the first from which the whole path can be followed.
 
     Args:
-        hand: the arm.
         request: what is to be done.
         floor: the free floor, if it is known; the base is at its start.
 

@@ -118,7 +118,7 @@ class GripperShape(NamedTuple):
         """How far the finger tips are in front of the grasp frame while they close on what has a width [m]."""
         if len(self.tips) < 2:
             return self.tip
-        first, last = (_clipped(each / self.opening) for each in (width, width + 2 * _ROOM_M))
+        first, last = (each / self.opening for each in (width, width + 2 * _ROOM_M))
         shares = np.linspace(0.0, 1.0, len(self.tips))
         ends = np.interp((first, last), shares, self.tips)
         between = np.asarray(self.tips)[(shares > first) & (shares < last)]
@@ -129,7 +129,7 @@ class GripperShape(NamedTuple):
         if len(self.middles) < 2:
             return 0.0
         shares = np.linspace(0.0, 1.0, len(self.middles))
-        return float(np.interp(_clipped(width / self.opening), shares, self.middles)) - self.middles[-1]
+        return float(np.interp(width / self.opening, shares, self.middles)) - self.middles[-1]
 
     def touches(self, x: float, width: float) -> bool:
         """Whether the fingers close on what has a width [m] at a distance x in front of the grasp frame [m]."""
@@ -447,10 +447,6 @@ def _lower_edge(points: Array) -> tuple[tuple[float, float], ...]:
             outline.pop()
         outline.append((x, y))
     return tuple(outline)
-
-
-def _clipped(share: float) -> float:
-    return min(max(share, 0.0), 1.0)
 
 
 def _shapes_of(body: Body, geometry: BodyGeometry | None) -> tuple[CollisionShape, ...]:

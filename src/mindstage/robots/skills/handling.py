@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from math import cos, pi, sin
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
 from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
-from mindstage.robots.surroundings import ArticulatedPart, Surroundings
+from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
 from mindstage.scene.edits import Attach, Detach
 from mindstage.scene.transforms import (
@@ -29,7 +28,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["grasp", "pick", "pick_up", "place", "placement_to_reach", "pour", "put_down", "release"]
+__all__ = ["find_grasp", "grasp", "pick", "pick_up", "place", "pour", "put_down", "release"]
 
 _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _BACK_M = 0.12
@@ -47,6 +46,7 @@ _DRIFT_M = 0.025
 _ATTEMPTS = 2
 """How often a thing is grasped that slips out of the gripper."""
 _MAX_GRASPS = 24
+"""Number of grasps that are tried."""
 _NEARLY_M = 0.03
 """What is out of reach by less is tried with the finger tips."""
 _FREE_PLACES = 60
@@ -74,6 +74,7 @@ _WIDE_OPEN = 0.9
 _FARTHER = 0.05
 """Least change of the openness after which a thing behind it is looked for again."""
 _MAX_NAMES = 3
+"""Number of bodies that a reason names at most."""
 _POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
@@ -82,14 +83,13 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Grasps a thing where it is, from where the robot stands.
 
     Args:
-        task: this performance of the skill.
         thing: what to grasp.
     """
     surroundings = task.surroundings()
     id = surroundings.find(thing)
     if hand_with(task, id) is None:
         hand = free_hand(task, f"to grasp {id}")
-        yield from _grasping(task, hand, surroundings, id, upright=None, stays=True)
+        yield from _grasping(task, hand, id, upright=None, stays=True)
 
 
 @skill(needs=_NEEDS)
@@ -110,7 +110,6 @@ def pick(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Drives to a thing, grasps it and lifts it; opens what it is in.
 
     Args:
-        task: this performance of the skill.
         thing: what to pick up.
     """
     yield from pick_up(task, task.surroundings().find(thing))
@@ -123,7 +122,6 @@ def place(
     """Puts a thing at a free place on or in another one; picks it up first if it is not held.
 
     Args:
-        task: this performance of the skill.
         thing: what to put down.
         on: what to put it on.
         into: what to put it into; opened first if it is closed.
@@ -138,7 +136,6 @@ def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
     """Tilts a thing over a container so that what is in it falls out; picks it up first if it is not held.
 
     Args:
-        task: this performance of the skill.
         thing: the container to pour from.
         into: the container to pour into.
     """
@@ -185,7 +182,7 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     slipped = False
     for attempt in range(_ATTEMPTS):
         try:
-            placement = yield from _grasping(task, hand, task.surroundings(), id, upright=upright, fix=slipped)
+            placement = yield from _grasping(task, hand, id, upright=upright, fix=slipped)
         except SkillFailedError as error:
             if attempt == _ATTEMPTS - 1:
                 raise
@@ -204,7 +201,6 @@ class _SlippedError(SkillFailedError):
 def _grasping(
     task: SkillTask,
     hand: Manipulator,
-    surroundings: Surroundings,
     id: BodyId,
     *,
     upright: bool | None,
@@ -214,7 +210,6 @@ def _grasping(
     """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
 
     Args:
-        surroundings: where everything is.
         id: the thing.
         upright: see `pick_up`.
         stays: whether the base stays where it is.
@@ -225,7 +220,8 @@ def _grasping(
     """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
-        placement = yield from _hand_before(task, hand, surroundings, id, upright=upright, stays=stays)
+        placement = yield from _hand_before(task, hand, id, upright=upright, stays=stays)
+        surroundings = task.surroundings()
         yield from hand.moving_straight(placement.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
         held_by_friction = False
         if placement.grasp.is_by_friction:
@@ -233,7 +229,8 @@ def _grasping(
         if fix or not held_by_friction:
             _fix(task, hand, id, "the fingers do not hold it by friction")
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
-        yield from _lifting(hand, id)
+        up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
+        yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
             reason = f"{id} slipped out of the gripper while it was lifted"
@@ -242,7 +239,7 @@ def _grasping(
 
 
 def _standing_before(
-    hand: Manipulator, request: GraspMotionRequest, placement: GraspMotion
+    hand: Manipulator, placement: GraspMotion, request: GraspMotionRequest
 ) -> Generator[float, None, GraspMotion]:
     """Drives to where a thing is grasped, and takes the open hand in front of it, by the first grasp with a way."""
     for _ in range(_MAX_STANCES):
@@ -260,117 +257,75 @@ def _standing_before(
     raise UnreachableError(hand.robot.name, target=request.target, reason="the arm has no way to any of its grasps")
 
 
-def _lifting(hand: Manipulator, id: BodyId) -> SkillMotion:
-    up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
-    yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
-
-
 def _hand_before(
-    task: SkillTask,
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    *,
-    upright: bool | None,
-    stays: bool,
+    task: SkillTask, hand: Manipulator, id: BodyId, *, upright: bool | None, stays: bool
 ) -> Generator[float, None, GraspMotion]:
     """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
 
     What is in front of the thing is opened farther if there is no placement, or no way of the base or the arm.
     """
-    floor = FloorMap(hand.robot) if hand.is_mobile and not stays else None
-    try:
-        found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
-        return (yield from _standing_before(hand, found[1], found[0]))
-    except UnreachableError as error:
-        cause = error
-    for part in [] if stays else surroundings.in_front_of(id):
+    parts = iter([] if stays else task.surroundings().in_front_of(id))
+    while True:
+        thing, floor = task.surroundings().thing(id), FloorMap(hand.robot) if hand.is_mobile and not stays else None
+        try:
+            found = _by_friction(hand, thing, floor, upright=upright, stays=stays)
+            return (yield from _standing_before(hand, *found))
+        except UnreachableError as error:
+            cause = error
+        part = next((each for each in parts if each.openness <= _WIDE_OPEN), None)
+        if part is None:
+            break
         before = part.openness
-        if before > _WIDE_OPEN:
-            continue
         try:
             yield from moving_part(task, part, 1.0)
             yield from hand.parking()
         except (SkillFailedError, UnreachableError) as error:
             if part.openness < before + _FARTHER:
-                raise _with_part(cause, part, error.reason) from None
-        surroundings, floor = task.surroundings(), FloorMap(hand.robot)
-        try:
-            found = _friction_placement(hand, surroundings, id, floor, upright=upright, stays=stays)
-            return (yield from _standing_before(hand, found[1], found[0]))
-        except UnreachableError as error:
-            cause = error
-    placement, request = _weld_placement(hand, surroundings, id, cause, floor, stays=stays)
-    return (yield from _standing_before(hand, request, placement))
+                text = f"{part.id} is {part.openness:.0%} open and cannot be opened farther: {error.reason}"
+                reason = f"{cause.reason}; {text}"
+                raise UnreachableError(
+                    cause.robot, target=cause.target, reason=reason, obstacle=cause.obstacle
+                ) from None
+    return (yield from _standing_before(hand, *_by_weld(hand, thing, floor, cause, stays=stays)))
 
 
-def placement_to_reach(hand: Manipulator, surroundings: Surroundings, id: BodyId) -> GraspMotion:
-    """How the hand gets in front of a thing from where the robot stands.
+def find_grasp(hand: Manipulator, thing: Thing, floor: FloorMap | None = None, *, stays: bool = False) -> GraspMotion:
+    """How a hand gets in front of a thing.
+
+    Args:
+        floor: the free floor, if the base may drive.
+        stays: whether the base stays where it is.
 
     Raises:
         UnreachableError: it does not.
     """
     try:
-        return _friction_placement(hand, surroundings, id, None, upright=None, stays=True)[0]
+        return _by_friction(hand, thing, floor, upright=None, stays=stays)[0]
     except UnreachableError as error:
-        return _weld_placement(hand, surroundings, id, error, None, stays=True)[0]
+        return _by_weld(hand, thing, floor, error, stays=stays)[0]
 
 
-def _with_part(cause: UnreachableError, part: ArticulatedPart, reason: str) -> UnreachableError:
-    """The error about a thing that is not reached, and what is in front of it cannot be opened farther."""
-    text = f"{cause.reason}; {part.id} is {part.openness:.0%} open and cannot be opened farther: {reason}"
-    return UnreachableError(cause.robot, target=cause.target, reason=text, obstacle=cause.obstacle)
+_Found = tuple[GraspMotion, GraspMotionRequest]
 
 
-def _friction_placement(
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    floor: FloorMap | None,
-    *,
-    upright: bool | None,
-    stays: bool,
-) -> tuple[GraspMotion, GraspMotionRequest]:
-    """A placement for a grasp by friction.
+def _by_friction(
+    hand: Manipulator, thing: Thing, floor: FloorMap | None, *, upright: bool | None, stays: bool
+) -> _Found:
+    """A motion for a grasp by friction, the one that comes from the preferred direction if possible.
 
     Raises:
         UnreachableError: there is none.
     """
-    request = _grasp_request(hand, surroundings, id, floor, upright=upright, stays=stays)
-    try:
-        return find_grasp_motion(hand, request, floor), request
-    except UnreachableError as error:
-        shallow = [tips for each in request.grasps if (tips := each.shallow()) is not None]
-        if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
-            raise
-        request = request._replace(grasps=shallow)
-        try:
-            return find_grasp_motion(hand, request, floor), request
-        except UnreachableError:
-            raise error from None
-
-
-def _grasp_request(
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    floor: FloorMap | None,
-    *,
-    upright: bool | None,
-    stays: bool,
-) -> GraspMotionRequest:
-    body, pose = surroundings.body(id), surroundings.pose(id)
-    found = list(grasps_of(body, surroundings.geometry(id), pose, hand.gripper, hand.shape))
-    is_tall = (body.size or (0.0, 0.0, 0.0))[2] > 0.09
+    pose = thing.pose
+    is_tall = (thing.body.size or (0.0, 0.0, 0.0))[2] > 0.09
     from_side = is_tall if upright is None else upright
-    level = surroundings.box(id)[0][2]
     towards = _from_floor(hand, pose, floor)
 
     def cost(each: Grasp) -> tuple[float, ...]:
         at = each.in_world(pose)
         x = quat_rotate(at[3:], (1.0, 0.0, 0.0))
         steep = abs(x[2]) if from_side else 1.0 + x[2]
-        low = max(0.0, level + 0.05 - at[2]) if from_side else 0.0
+        low = max(0.0, thing.low[2] + 0.05 - at[2]) if from_side else 0.0
         aside = round(1.0 - float(x[:2] @ towards), 1)
         turned_over = hand.up * quat_rotate(at[3:], (0.0, 0.0, 1.0))[2] < -_TURNED_OVER
         return (
@@ -382,16 +337,25 @@ def _grasp_request(
             turned_over,
         )
 
-    found.sort(key=cost)
+    grasps = sorted(grasps_of(thing.body, thing.geometry, pose, hand.gripper, hand.shape), key=cost)
     if upright:
-        level_ones = [each for each in found if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
-        found = level_ones or found
-    chosen = _in_many_directions(found, pose)
+        level = [each for each in grasps if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
+        grasps = level or grasps
+    grasps = _in_many_directions(grasps, pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
-    inside = surroundings.containers_of(id)
-    container = surroundings.box(inside[0]) if inside else None
-    return GraspMotionRequest(id, chosen, lifted, _BACK_M, container=container, least=0.9, stays=stays)
+    request = GraspMotionRequest(thing.id, grasps, lifted, _BACK_M, container=thing.container, least=0.9, stays=stays)
+    try:
+        return find_grasp_motion(hand, request, floor), request
+    except UnreachableError as error:
+        shallow = [tips for each in grasps if (tips := each.shallow()) is not None]
+        if not shallow or (error.shortfall_m or np.inf) > _NEARLY_M:
+            raise
+        request = request._replace(grasps=shallow)
+        try:
+            return find_grasp_motion(hand, request, floor), request
+        except UnreachableError:
+            raise error from None
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -416,19 +380,12 @@ def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
     return sorted(found[:_MAX_GRASPS], key=lambda each: order[id(each)])
 
 
-def _weld_placement(
-    hand: Manipulator,
-    surroundings: Surroundings,
-    id: BodyId,
-    error: UnreachableError,
-    floor: FloorMap | None,
-    *,
-    stays: bool,
-) -> tuple[GraspMotion, GraspMotionRequest]:
-    """A placement from which the finger tips reach a side of a thing, which is then fixed to them."""
-    pose = surroundings.pose(id)
-    grasps = list(weld_grasps_of(surroundings.body(id), surroundings.geometry(id), pose, hand.shape))
-    request = GraspMotionRequest(id, grasps, pose[None], _BACK_M, stays=stays)
+def _by_weld(
+    hand: Manipulator, thing: Thing, floor: FloorMap | None, error: UnreachableError, *, stays: bool
+) -> _Found:
+    """A motion that takes the finger tips to a side of a thing, which is then fixed to them; else the error."""
+    grasps = list(weld_grasps_of(thing.body, thing.geometry, thing.pose, hand.shape))
+    request = GraspMotionRequest(thing.id, grasps, thing.pose[None], _BACK_M, stays=stays)
     try:
         return find_grasp_motion(hand, request, floor), request
     except UnreachableError:
@@ -467,8 +424,7 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
     for height in _CARRY_HEIGHTS_M:
         for distance in _CARRY_DISTANCES_M:
             for turn in (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2):
-                angle = yaw + turn - heading
-                spin = np.array([cos(angle / 2), 0.0, 0.0, sin(angle / 2)])
+                spin = planar_pose((0.0, 0.0, yaw + turn - heading))[3:]
                 point = pose_multiply(base, np.array([distance, 0.0, height, 1.0, 0.0, 0.0, 0.0]))[:3]
                 target = np.concatenate([point, quat_multiply(spin, here[3:])])
                 found = hand.kinematics.solve_ik(
@@ -496,25 +452,14 @@ def _folded_poses(hand: Manipulator) -> list[dict[str, float]]:
     turning = hand.turning_joints()
     found = list[tuple[float, dict[str, float]]]()
     for share in np.linspace(0.0, 1.0, _FOLDS) if turning else (0.0,):
-        angles = {name: _between(hand.kinematics.limits(name), float(share)) for name in turning}
+        angles = {name: float(np.interp(share, (0.0, 1.0), hand.kinematics.limits(name))) for name in turning}
         positions = {name: now[name] for name in hand.arm.joints} | drawn | angles
         at = hand.kinematics.pose(frame, {**now, **positions}, root_pose=root)
         found.append((float(np.hypot(*(at[:2] - middle))), positions))
     return [positions for _, positions in sorted(found, key=lambda each: each[0])]
 
 
-def _between(limits: tuple[float, float], share: float) -> float:
-    return limits[0] + share * (limits[1] - limits[0])
-
-
 # -- putting down ------------------------------------------------------------------------------------------------------
-
-
-class _Place(NamedTuple):
-    """A free pose of a thing."""
-
-    pose: Array
-    support: BodyId
 
 
 def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> SkillMotion:
@@ -576,11 +521,7 @@ def _check_reach(task: SkillTask, surroundings: Surroundings, id: BodyId) -> Non
     if surroundings.in_front_of(id):
         return
     hand = free_hand(task, f"to pick up {id}")
-    floor = FloorMap(hand.robot) if hand.is_mobile else None
-    try:
-        _friction_placement(hand, surroundings, id, floor, upright=None, stays=False)
-    except UnreachableError as error:
-        _weld_placement(hand, surroundings, id, error, floor, stays=False)
+    find_grasp(hand, surroundings.thing(id), FloorMap(hand.robot) if hand.is_mobile else None)
 
 
 def _support(
@@ -694,8 +635,7 @@ def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Ar
 
 def _spun(pose: Array, turn: float) -> Array:
     """A pose that is turned about the vertical axis through its origin."""
-    spin = np.array([cos(turn / 2), 0.0, 0.0, sin(turn / 2)])
-    return np.concatenate([pose[:3], quat_multiply(spin, pose[3:])])
+    return np.concatenate([pose[:3], quat_multiply(planar_pose((0.0, 0.0, turn))[3:], pose[3:])])
 
 
 def _letting_go(task: SkillTask, hand: Manipulator, *, back_m: float = _BACK_M) -> SkillMotion:

@@ -19,7 +19,7 @@ from mindstage.robots.arm_paths import POSE_JOINTS, ArmPath, follow_poses, inter
 from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.floor_poses import BaseFrame, BasePose, wrapped
-from mindstage.robots.models.robot_model import Arm, BaseType, Gripper, RobotJointType
+from mindstage.robots.models.robot_model import Arm, BaseType, Gripper
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.robot_kinematics import RobotKinematics
@@ -59,7 +59,9 @@ _OPENING_TOLERANCE_M = 0.03
 _SPEED, _HELD_SPEED = 0.6, 0.3
 """Fractions of the velocity limits of the joints, without and with a thing in the hand."""
 _HELD_SPEED_FACTOR = 0.5
+"""Factor of all speeds with a thing in the hand."""
 _HELD_CLEARANCE_M = 0.015
+"""Distance that what is held keeps from the place if there is room [m]."""
 _ONE_SIDED_M = 0.15
 """An arm whose hand is so far from the middle of the base reaches to one side [m]."""
 _PROBE = 0.02
@@ -188,7 +190,7 @@ class Manipulator:
 
     def is_slide(self, joint: str) -> bool:
         """Whether a joint is prismatic."""
-        return self._joints[joint].type is RobotJointType.PRISMATIC
+        return self._joints[joint].is_prismatic
 
     def ready_positions(self) -> dict[str, float]:
         """Positions of the arm in which it can move in every direction: slides at half their range, hinges near 0.

@@ -12,7 +12,7 @@ from mindstage.robots.models.robot_model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skill_declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
-from mindstage.robots.skills.handling import placement_to_reach
+from mindstage.robots.skills.handling import find_grasp
 from mindstage.robots.skills.manipulator import guarded, hands_of
 from mindstage.robots.surroundings import Surroundings
 from mindstage.scene import BodyId
@@ -39,7 +39,6 @@ def go_to(
     """Drives to a thing, and faces it, or to a place on the floor.
 
     Args:
-        task: this performance of the skill.
         thing: where to drive to.
         x: of the place [m].
         y: of the place [m].
@@ -112,7 +111,6 @@ def look_at(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Turns the head towards a thing.
 
     Args:
-        task: this performance of the skill.
         thing: what to look at.
     """
     surroundings = task.surroundings()
@@ -174,7 +172,6 @@ def reach(
     """Moves the gripper in front of a thing, or to a point; the base stays where it is.
 
     Args:
-        task: this performance of the skill.
         thing: the gripper stops in front of it, where it can be grasped from.
         x: of the point [m].
         y: of the point [m].
@@ -187,7 +184,7 @@ def reach(
         return
     surroundings = task.surroundings()
     id = surroundings.find(thing)
-    placement = placement_to_reach(hand, surroundings, id)
+    placement = find_grasp(hand, surroundings.thing(id), stays=True)
     yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(placement.start, why=f"in front of {id}")
 

@@ -55,6 +55,7 @@ _MAX_UP = 0.5
 _CHECKED_EVERY = 2
 """Of the poses of a path, every second one is tested with the gripper alone."""
 _PER_GROUP, _MAX_GRASPS = 2, 12
+"""Number of grasps of one direction, and of all, that are tried."""
 _APART_M, _REACH_ATTEMPTS = 0.6, 3
 """Distance of the base and attempts of the inverse kinematics for the test whether an arm reaches a grasp at all."""
 _LEAST_PART = 0.15
@@ -213,8 +214,6 @@ def find_part_motion(
     What was tried without success is tried from other places; each way three times.
 
     Args:
-        hand: the arm.
-        part: the door or drawer.
         surroundings: the things of the world.
         target: the position that its joint is to have [m or rad].
         start: the position from which it is moved; None for the present one.
