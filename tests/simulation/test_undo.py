@@ -532,7 +532,7 @@ def test_without_saved_states_a_context_is_undone_by_moving_the_bodies_back() ->
         sim.spawn(kitchenette())
         before = sim.snapshot()
         with sim.edits.one_step("tidy up"):
-            sim.run_on_engine(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
+            sim.engine.run(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
         assert not is_same(before, sim.snapshot())
         assert sim.edits.undo() == "tidy up"
         assert is_same(before, sim.snapshot())
