@@ -23,7 +23,7 @@ from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
 from mindstage.errors import EngineError
-from mindstage.ranges import Count, checked
+from mindstage.ranges import Count, Length, NotNegative, checked
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
@@ -238,7 +238,7 @@ class CompiledModel:
         qpos[:] = target
 
     @checked
-    def step(self, count: Count, *, fast: Mapping[BodyId, float] = _NONE_FAST) -> None:
+    def step(self, count: Count, *, fast: Mapping[BodyId, NotNegative] = _NONE_FAST) -> None:
         """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
 
         The result is the same as with an arena that was large from the beginning.
@@ -343,7 +343,8 @@ class CompiledModel:
         dof = self.free_joint_addresses[root][1]
         return bool(self.data.qacc[dof + 2] < self.model.opt.gravity[2] / 2)
 
-    def obstacles(self, root: BodyId, velocity: Array, *, within_m: float) -> Iterator[tuple[float, float, float]]:
+    @checked
+    def obstacles(self, root: BodyId, velocity: Array, *, within_m: Length) -> Iterator[tuple[float, float, float]]:
         """What a loose body will hit if it moves on: distance and thickness [m], and friction.
 
         Planes, which stop everything, and bodies that bounce are left out.
