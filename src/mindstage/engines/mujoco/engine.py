@@ -55,7 +55,7 @@ from mindstage.engines.mujoco.state import (
 )
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
-from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
+from mindstage.ranges import MAX_SIZE_M, Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import BodyGeometry, BodyId, Color, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetPhysics, Spawn
@@ -340,7 +340,7 @@ class ModelCache:
         mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
         speed, thickness_m = float(np.linalg.norm(velocity)), min(self.builder.mass_properties.size(id))
         end_speed = speed + _GRAVITY_M_S2 * duration_s * falls
-        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=end_speed * duration_s):
+        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=min(end_speed * duration_s, MAX_SIZE_M)):
             hit_speed = float(np.sqrt(speed**2 + 2 * _GRAVITY_M_S2 * distance_m * falls))
             if hit_speed * _CONTACT_DURATION_S <= min(thickness_m, obstacle_m) / 2:
                 continue
