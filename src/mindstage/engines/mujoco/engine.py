@@ -340,7 +340,8 @@ class ModelCache:
         mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
         speed, thickness_m = float(np.linalg.norm(velocity)), min(self.builder.mass_properties.size(id))
         end_speed = speed + _GRAVITY_M_S2 * duration_s * falls
-        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=min(end_speed * duration_s, MAX_SIZE_M)):
+        within_m = min(end_speed * duration_s, MAX_SIZE_M)
+        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=within_m):
             hit_speed = float(np.sqrt(speed**2 + 2 * _GRAVITY_M_S2 * distance_m * falls))
             if hit_speed * _CONTACT_DURATION_S <= min(thickness_m, obstacle_m) / 2:
                 continue
