@@ -80,6 +80,7 @@ def test_what_changed_between_two_times_the_farthest_first(knowledge: KnowledgeB
     first = knowledge.ask("changed")[0]
     assert first.distance == pytest.approx((1.0**2 + 0.8**2) ** 0.5, abs=0.002)
     assert (first.since, first.until) == (0.0, 4.0)
+    assert [row.change.value for row in knowledge.ask("changed", since=2.5)] == ["moved", "detached"]
     later = {(row.thing, row.change.value, row.was, row.now) for row in knowledge.ask("changed", since=2.5)}
     assert later == {(MUG, "moved", None, FLOOR), (MUG, "detached", DRAWER, None)}
     attached = {
