@@ -298,6 +298,11 @@ class TestSmallKitchen:
         floor = FloorMap(robot, start=(0.6, 0.0, 3.0))
         assert plan_base(robot, (0.6, 0.5, -3.0), floor=floor)[-1] == pytest.approx((0.6, 0.5, 2 * np.pi - 3.0))
 
+    def test_the_bodies_of_a_class_are_those_of_its_subclasses(self, pantry: Simulation) -> None:
+        surroundings = Surroundings(find_robot(pantry).session)
+        assert surroundings.instances("Cup") == ["Mug"]
+        assert "Drawer" in surroundings.instances("ContainerArtifact")
+
     def test_all_searches_of_a_skill_together_are_limited(self, pantry: Simulation) -> None:
         pantry.joint("Drawer").open(0.5)
         pantry.step(0.1)
