@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Container, Iterable, Iterator,
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import mujoco
 import numpy as np
@@ -51,6 +51,8 @@ __all__ = [
     "transfer_state",
     "wake_islands",
 ]
+
+T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -405,12 +407,15 @@ class CompiledModel:
             removed: ids of the bodies to omit.
             remaining_joints: ids of the joints to keep.
         """
+
+        def kept(addresses: Mapping[BodyId, T]) -> dict[BodyId, T]:
+            return {id: address for id, address in addresses.items() if id not in removed}
+
         return replace(
             self,
-            body_ids={id: body_id for id, body_id in self.body_ids.items() if id not in removed},
-            free_joint_addresses={
-                id: addresses for id, addresses in self.free_joint_addresses.items() if id not in removed
-            },
+            body_ids=kept(self.body_ids),
+            free_joint_addresses=kept(self.free_joint_addresses),
+            kinematic_addresses=kept(self.kinematic_addresses),
             joints={id: joint for id, joint in self.joints.items() if id in remaining_joints},
         )
 
