@@ -85,7 +85,7 @@ class ReplaceWorld(Edit, frozen=True):
         return self.title or "world replaced"
 
 
-_ADDITION_S = 0.02
+_ADDITION_S = 0.05
 """By how much the timeout of an edit is longer for each body and joint that it adds [s]."""
 
 

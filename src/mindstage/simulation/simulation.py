@@ -261,7 +261,7 @@ class Simulation:
                 are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
             title: the name of the edit in the undo history; without one it cannot be undone. With one, nothing is
                 spawned if a part of it cannot be.
-            timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
+            timeout_s: timeout of the engine call [s]; by default that of the simulation plus 50 ms for each body and
                 joint.
 
         Returns:
@@ -395,7 +395,7 @@ class Simulation:
             edit: the edit.
             engine: what a function has got that runs in the engine thread; None in any other thread.
             leads_to: the state to which the edit leads, if the engine has saved that: it is restored instead.
-            timeout_s: by default that of the simulation, plus 20 ms for each body and joint that is spawned [s].
+            timeout_s: by default that of the simulation, plus 50 ms for each body and joint that is spawned [s].
 
         Raises:
             WorldError: the world does not allow it, as stated at the class of the edit; nothing changes then.

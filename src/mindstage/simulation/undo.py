@@ -119,7 +119,7 @@ class Edits:
             edit: the edit.
             continues_last: whether to merge with the last step of the same label, as during a drag, so that both are
                 undone together.
-            timeout_s: by default that of the simulation, plus 20 ms for each body and joint that is added [s].
+            timeout_s: by default that of the simulation, plus 50 ms for each body and joint that is added [s].
         """
 
         def apply(engine: Engine) -> Applied:
