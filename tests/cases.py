@@ -61,4 +61,5 @@ def _named(names: Sequence[str], case: Any, ids: Callable[[Any], object]) -> tup
     given = case if isinstance(case, type(pytest.param())) else None
     values = given.values if given else (case,) if len(names) == 1 else tuple(case)
     name = str(given.id) if given and given.id is not None else "-".join(str(ids(value)) for value in values)
+    name = name.encode("utf-8", "backslashreplace").decode()  # xdist sends it as UTF-8
     return name, dict(zip(names, values, strict=True))

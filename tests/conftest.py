@@ -49,7 +49,7 @@ LONG_MODULES = (
 )
 """Modules with tests of more than ten seconds."""
 
-WORKERS_PER_CORE = 3
+WORKERS_PER_CORE = 2
 """While a test waits for a browser, Godot, a socket or a process, which is 60 % of the time, others compute."""
 BYTES_PER_WORKER = 1_500_000_000
 """Memory of a worker with its browser [B]."""

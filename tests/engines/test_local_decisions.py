@@ -64,7 +64,7 @@ def assert_same_as_with_all(start: World, added: list[World], options: Mapping[s
         == whole.loose_roots
     )
     assert local.settled.keys() == whole.settled.keys()
-    assert (local.ground_height_m, local._below_ground) == (whole.ground_height_m, whole._below_ground)
+    assert (local.ground, local._below_ground) == (whole.ground, whole._below_ground)
     return local
 
 

@@ -14,6 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine, world_to_mjcf
+from mindstage.engines.mujoco.mjcf_reading import read_mjcf
 from mindstage.errors import MapWriteError
 from mindstage.scene import (
     AngularLimits,
@@ -150,6 +151,29 @@ def test_the_exported_model_moves_like_the_engine() -> None:
     np.testing.assert_allclose(in_file, in_engine[:, :3], atol=2e-3)  # bodies at rest fall asleep in the engine
     assert in_engine[3, 2] < -0.7
     assert in_engine[2, 2] < -0.05
+
+
+def test_the_exported_model_has_the_options_of_the_engine_and_falls_asleep_like_it() -> None:
+    world = kitchenette()
+    engine = MujocoEngine()
+    engine.apply(Spawn(world))
+    engine.step(3.0)
+    model, awake = loaded(world), engine.stats().awake
+    for name in ("timestep", "integrator", "cone", "impratio", "enableflags", "disableflags", "gravity"):
+        np.testing.assert_array_equal(getattr(model.opt, name), getattr(engine.compiled().model.opt, name), name)
+    engine.close()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, nstep=1500)
+    assert (awake, int(np.count_nonzero(data.tree_asleep < 0))) == (0, 0)
+    assert model.ntree > 2
+
+
+def test_an_exported_model_is_read_back(tmp_path: Path) -> None:
+    world = kitchenette()
+    path = tmp_path / "world.xml"
+    path.write_text(world_to_mjcf(world).text, encoding="utf-8")
+    read = read_mjcf(path)
+    assert {each.name for each in read.bodies} >= {body.id for body in world.bodies}
 
 
 def test_attached_bodies_are_nested() -> None:

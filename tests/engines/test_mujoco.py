@@ -284,17 +284,15 @@ def test_hundreds_of_bodies_in_one_place_do_not_explode() -> None:
 # -- fast bodies
 
 
-@pytest.mark.parametrize(("size", "height", "passes"), [(0.1, 100.0, True), (0.1, 1.0, False), (0.02, 0.3, True)])
-def test_a_body_that_is_too_fast_for_a_thin_table_is_reported(size: float, height: float, passes: bool) -> None:
+@pytest.mark.parametrize(("size", "height"), [(0.1, 50.0), (0.1, 1.0), (0.02, 0.3)])
+def test_a_fast_body_is_stopped_by_a_thin_table(size: float, height: float) -> None:
     engine = MujocoEngine()
     table = body("table", (0, 0, -0.005), (1, 1, 0.01))
     cube = body("cube", (0, 0, height + size / 2), (size, size, size), "dynamic", 1.0)
     engine.apply(Spawn(world(body("floor", (0, 0, -2), (50, 50, 1)), table, cube)))
     engine.step(6.0)
-    assert bool(engine.poses()[1][2, 2] < -0.1) is passes
-    reported = [note for note in engine.notes if note.kind is SpawnNoteKind.FAST]
-    assert [note.ids for note in reported] == [("cube",)] * passes
-    assert all("10 mm thick" in note.text for note in reported)
+    assert engine.poses()[1][2, 2] == pytest.approx(size / 2, abs=0.001)
+    assert not engine.notes
 
 
 def test_a_fast_body_is_not_reported_for_its_own_parts_or_the_empty_air() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.collision_filter import TOUCH_TOLERANCE_M
-from mindstage.engines.environment_bounds import find_ground_height, find_unsupported
+from mindstage.engines.ground import find_ground_height, find_resting
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.scene import Body, BodyId, CollisionShapeType, GeometryMap, World
@@ -198,10 +198,23 @@ def test_bodies_that_overlap_nothing_are_not_moved(heights: list[float]) -> None
 # -- the ground
 
 
+def ground_of(loose: list[float], fixed: list[float]) -> float:
+    """The ground of cubes with these lower sides, where nothing is below the loose ones."""
+    bottoms = np.array([*loose, *fixed])
+    poses = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(bottoms), 1))
+    poses[:, 2] = bottoms + 0.25
+    boxes = OrientedBoxes.from_poses(poses, np.full((len(bottoms), 3), 0.5))
+    is_loose = np.arange(len(bottoms)) < len(loose)
+    everywhere = np.ones(len(bottoms), dtype=bool)
+    return find_ground_height(boxes, belongs=everywhere, is_loose=is_loose, unsupported=is_loose)
+
+
 def test_the_ground_is_at_the_lowest_body_unless_that_fell_before() -> None:
-    assert find_ground_height(np.array([0.3, 0.0, 0.75])) == 0.0
-    assert find_ground_height(np.array([-7.0, *[0.0] * 12, 0.75])) == 0.0
-    assert find_ground_height(np.array([-0.5, *[0.0] * 12])) == -0.5, "a step is not a fall"
+    assert ground_of([0.3, 0.0, 0.75], []) == 0.0
+    assert ground_of([-7.0, *[0.0] * 12, 0.75], []) == 0.0
+    assert ground_of([-0.5, *[0.0] * 12], []) == -0.5, "a step is not a fall"
+    assert ground_of([1.0, 2.0], [0.4, 3.0]) == 0.4
+    assert ground_of([0.0, 0.1], [0.7]) == 0.0, "what stands beside a mounted cabinet"
 
 
 @given(st.tuples(coordinates, coordinates), turns)
@@ -216,4 +229,4 @@ def test_a_support_is_below_a_point_if_a_vertical_ray_hits_it(
     margin = np.abs(local - boxes.half_extents[0]).min()
     hits = bool(np.all(local <= boxes.half_extents[0], axis=1).any())
     if margin > 0.002:  # the samples are a millimeter apart
-        assert find_unsupported(rays, boxes).tolist() == [not hits, True]
+        assert find_resting(rays, boxes).tolist() == [hits, False]

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from mindstage.episodes import Recording
@@ -464,3 +466,17 @@ def test_messages_that_cannot_be_decoded_are_left_out_and_counted(tmp_path: Path
     bag = RosBag(folder, kitchenette())
     assert "2 messages of /joint_states cannot be decoded and are left out" in bag.findings
     np.testing.assert_allclose(pose_of(bag, "Mug", 2.0), ODOM, atol=1e-9)
+
+
+def test_a_bag_without_transforms_and_joint_states_is_an_error_with_the_topics_that_it_has(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    text = store.types["std_msgs/msg/String"]
+    path = tmp_path / "talk"
+    with Writer(path, version=9) as writer:
+        for topic in ("/chatter", "/answers"):
+            connection = writer.add_connection(topic, "std_msgs/msg/String", typestore=store)
+            writer.write(connection, 1_000_000_000, store.serialize_cdr(text(data="hello"), "std_msgs/msg/String"))
+    with pytest.raises(
+        EpisodeFileError, match=r"no transforms and no joint states; it has the topics .*/answers.*/chatter"
+    ):
+        RosBag(path, kitchenette())

@@ -166,6 +166,8 @@ def test_the_narrative_has_the_pattern_of_knowrobs_interface(tmp_path: Path) -> 
     assert set(roles) & set(graph.objects(drawer, DUL + "hasRole"))
     (agent,) = graph.objects(action, SOMA + "isPerformedBy")
     assert graph.objects(agent, RDFS + "label") == ["viewer"]
+    assert DUL + "Agent" in graph.classes([agent])
+    assert DUL + "Object" not in graph.classes([agent])
     (whole,) = graph.subjects(DUL + "hasConstituent", action)
     assert (episode, DUL + "isSettingFor", whole) in graph.triples
     assert SOMA + "PhysicalTask" in graph.classes(graph.objects(whole, DUL + "executesTask"))

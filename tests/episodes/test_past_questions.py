@@ -80,6 +80,7 @@ def test_what_changed_between_two_times_the_farthest_first(knowledge: KnowledgeB
     first = knowledge.ask("changed")[0]
     assert first.distance == pytest.approx((1.0**2 + 0.8**2) ** 0.5, abs=0.002)
     assert (first.since, first.until) == (0.0, 4.0)
+    assert [row.change.value for row in knowledge.ask("changed", since=2.5)] == ["moved", "detached"]
     later = {(row.thing, row.change.value, row.was, row.now) for row in knowledge.ask("changed", since=2.5)}
     assert later == {(MUG, "moved", None, FLOOR), (MUG, "detached", DRAWER, None)}
     attached = {
@@ -91,6 +92,9 @@ def test_what_changed_between_two_times_the_farthest_first(knowledge: KnowledgeB
 def test_who_moved_a_thing_and_how(knowledge: KnowledgeBase) -> None:
     (row,) = knowledge.ask("who_moved", "Mug")
     assert (row.agent, row.how, row.begin, row.end, row.episode) == (DRAWER, "Grasping", 2.0, 3.0, RUN)
+    assert (MUG, DRAWER, "Grasping", 2.0) in {
+        (each.thing, each.agent, each.how, each.begin) for each in knowledge.ask("who_moved")
+    }
     assert reasons(knowledge.ask("who_moved", "Fridge")) == [f"nothing is recorded to have moved Fridge in {RUN}"]
     assert reasons(knowledge.ask("who_moved", "map")) == [f"map has no body in {RUN}"]
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Episode, Recorder
+from mindstage.episodes.recording import EpisodeEdit
 from mindstage.episodes.repeating import repeat_edits
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
 from mindstage.scene import BodyId, Pose, diff
+from mindstage.scene.edits import SetPoses, edit_to_json
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 
@@ -65,3 +68,11 @@ def test_a_robot_of_a_copy_is_committed_as_a_robot() -> None:
         assert committed.link_pose("head_pan_link")[2] == pytest.approx(height, abs=0.01), "its drives hold it"
         sim.reset()
         assert committed.exists
+
+
+def test_an_edit_is_the_same_as_a_value_and_as_json() -> None:
+    move = SetPoses({BodyId("Mug"): Pose((1.0, 2.0, 3.0))})
+    as_json = msgspec.json.decode(edit_to_json(move))
+    for details in ({"edit": move}, {"edit": as_json}, {"edits": [as_json]}):
+        assert EpisodeEdit(time_s=1.0, kind="set poses", details=details).edits(()) == (move,)
+    assert EpisodeEdit(time_s=1.0, kind="question", details={"text": "where is it?"}).edits(()) == ()

@@ -244,9 +244,10 @@ def test_scalars_are_those_of_yaml_1_2(text: str, value: object) -> None:
         ("just\na text\n", "the plan:1: it is a text"),
         ("\n", "the plan:1: it is empty"),
         (
-            "steps:\n  - {do: wait, duration_s: 1}\n" + "a: " + "[" * 40 + "]" * 40 + "\n",
+            "steps:\n  - {do: wait, duration_s: 1}\n" + "a: " + "[" * 30 + "]" * 30 + "\n",
             "the plan:3: more than 30 levels",
         ),
+        ("steps:\n  - {do: wait, duration_s: 1}\n" + "a: " + "[" * 29 + "]" * 29 + "\n", "unknown field `a`"),
         ('{"steps": [], "steps": []}', "the key occurs twice"),
     ],
 )

@@ -7,12 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from mindstage.engines import Capability, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, PlanError
+from mindstage.imagination.plans import Plan, Wait
 from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_from_text
+from mindstage.imagination.verdicts import evaluate_plan
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question, list_questions
 from mindstage.maps import bundled_kitchen
@@ -56,6 +59,29 @@ def kitchen() -> Iterator[KnowledgeBase]:
     with KnowledgeBase() as knowledge:
         knowledge.load(bundled_kitchen())
         yield knowledge
+
+
+@pytest.mark.parametrize("has_floor", [True, False])
+def test_a_carton_that_overhangs_falls_and_answers_and_verdicts_name_the_assumed_ground(has_floor: bool) -> None:
+    def part(id: str, position: Any, size: Any, mobility: Mobility) -> Body:
+        return msgspec.structs.replace(box(id, position, size), physics=BodyPhysics(mobility=mobility))
+
+    bodies = [
+        part("table", (-0.5, 0.0, 0.35), (1.0, 1.0, 0.7), Mobility.STATIC),
+        part("carton", (0.02, 0.0, 0.75), (0.1, 0.1, 0.1), Mobility.DYNAMIC),
+        part("cup", (-0.5, 0.0, 0.75), (0.1, 0.1, 0.1), Mobility.DYNAMIC),
+        *([part("floor", (0.0, 0.0, -0.05), (6.0, 6.0, 0.1), Mobility.STATIC)] if has_floor else []),
+    ]
+    assumption = "a ground is assumed at a height of 0.000 m, since the map has none below carton"
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
+        simulation.spawn(World(iri=Iri(MAP + "map"), bodies=tuple(bodies)))
+        assert simulation.ask("stays", thing="cup")[0].why.endswith(assumption) is not has_floor
+        answers = simulation.ask("stays", thing="carton")
+        assert not answers
+        assert "carton fell by 0.70 m from table" in reasons(answers)
+        assert (assumption in reasons(answers)) is not has_floor
+        verdict = evaluate_plan(simulation, Plan(steps=(Wait(duration_s=1.0),)))
+        assert (assumption in verdict.assumptions) is not has_floor
 
 
 def reasons(answers: Any) -> str:

@@ -103,6 +103,7 @@ def test_nothing_is_done_if_the_world_changes_meanwhile(table: Simulation) -> No
 def test_a_canceled_trial_does_nothing(table: Simulation) -> None:
     found = try_first(table, ASIDE, cancel=lambda: True)
     assert (found.acted, found.reason) == (False, "canceled")
+    assert (found.verdict.stopped, found.verdict.samples) == ("canceled", 0)
     assert box_x(table) == pytest.approx(-0.5, abs=1e-3)
 
 

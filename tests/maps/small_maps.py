@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import UnitConventions
 from mindstage.rdf import Finding
 from mindstage.scene import Iri, World, diff
 
@@ -93,9 +94,13 @@ def assert_worlds_equal(a: World, b: World) -> None:
 
 
 def knowledge_base_from(
-    *paths: object, ontologies: tuple[object, ...] = (), bundled_ontology: bool = False
+    *paths: object,
+    ontologies: tuple[object, ...] = (),
+    bundled_ontology: bool = False,
+    conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
 ) -> KnowledgeBase:
     """Returns a knowledge base that has loaded these files."""
     knowledge = KnowledgeBase(bundled_ontology=bundled_ontology)
-    knowledge.load([str(path) for path in paths], ontologies=[str(path) for path in ontologies])
+    ontology_paths = [str(path) for path in ontologies]
+    knowledge.load([str(path) for path in paths], ontologies=ontology_paths, conventions=conventions)
     return knowledge

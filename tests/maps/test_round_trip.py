@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from msgspec.structs import replace
 
-from mindstage.maps import MapFormat, bundled_kitchen, save_map, write_map
+from mindstage.maps import MapFormat, UnitConventions, UnstatedMobility, bundled_kitchen, save_map, write_map
 from mindstage.scene import (
     Attachment,
     BlankNode,
@@ -59,10 +59,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("maps")
 
 
+AS_STATED = UnitConventions(mobility=UnstatedMobility.STATIC)
+
+
 def read_back(world: World, folder: Path, format: MapFormat, *, bundled_ontology: bool = False) -> World:
+    """The world of a file; a mobility that it does not give is assumed for no body."""
     path = folder / f"written{SUFFIXES[format]}"
     path.write_text(write_map(world, format=format), encoding="utf-8", newline="")
-    return knowledge_base_from(path, bundled_ontology=bundled_ontology).world(world.iri)
+    return knowledge_base_from(path, bundled_ontology=bundled_ontology, conventions=AS_STATED).world(world.iri)
 
 
 # -- worlds ------------------------------------------------------------------------------------------------------------

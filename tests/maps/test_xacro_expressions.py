@@ -163,8 +163,9 @@ methods = st.sampled_from(["upper", "strip", "split", "title", "isdigit", "keys"
 slices = st.sampled_from(["[0]", "[-1]", "[1:]", "[::-1]", "[:2]", "['a']"])
 
 
-def _operations(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
-    return st.one_of(
+@st.composite  # which is shown by its name: the texts of strategies inside one another would be too long for the memory
+def _operations(draw: st.DrawFn, inner: st.SearchStrategy[str]) -> str:
+    operation = st.one_of(
         st.tuples(inner, binary, inner).map(lambda parts: "({} {} {})".format(*parts)),
         st.tuples(st.sampled_from(["-", "+", "~", "not "]), inner).map(lambda parts: "({}{})".format(*parts)),
         st.tuples(functions, inner).map(lambda parts: "{}({})".format(*parts)),
@@ -178,6 +179,7 @@ def _operations(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
         st.tuples(inner, inner).map(lambda parts: "'%s-%5s' % ({}, {})".format(*parts)),
         st.tuples(inner, inner).map(lambda parts: "'{{}} {{!r}}'.format({}, {})".format(*parts)),
     )
+    return draw(operation)
 
 
 expressions = st.recursive(numbers | strings | st.sampled_from([*VARIABLES, "pi", "True", "x"]), _operations)

@@ -418,3 +418,20 @@ def test_a_glowing_shade_has_the_luminance_of_the_light_that_is_in_it() -> None:
     by_day = radiance(30.0)
     assert 0.5 * 4000.0 < by_day < 30e3
     assert radiance(0.0) - by_day == pytest.approx(4.0 * 90e3 / (6 * 0.4**2), rel=0.1)
+
+
+def test_each_of_several_images_is_on_its_own_surface() -> None:
+    points = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+    uv = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    posters = []
+    for number, x in enumerate((-1.1, 1.1)):
+        image = np.full((2, 2, 4), 255, dtype=np.uint8)
+        image[..., 1 - number] = image[..., 2] = 20  # red on the left, green on the right
+        visual = VisualMesh(points, faces, PbrMaterial(color=(1.0, 1.0, 1.0), roughness=1.0), uv=uv, image=image)
+        id = BodyId(f"poster {number}")
+        posters.append(RenderItem(id=id, visuals=(visual,), pose=Pose((x, 0.0, 0.0)), size=(2.0, 0.01, 2.0), key=id))
+    camera = CameraPose((0.0, -10.0, 0.0), (0.0, 0.0, 0.0), math.radians(26.0))
+    pixels = path_trace(scene_of(*posters, camera=camera), settings(sun_azimuth_rad=-1.5)).pixels.astype(int)
+    half = SIZE[0] // 2
+    assert [int(np.argmax(pixels[half, column])) for column in (half // 2, half + half // 2)] == [0, 1]

@@ -225,3 +225,14 @@ def test_a_lamp_lights_the_sides_that_face_it(place: Vector) -> None:
     for gain, distance in zip(gains, faced, strict=True):
         assert gain > 5.0 or distance < 1.0
         assert gain < 5.0 or distance > 0.0
+
+
+def test_the_outline_of_a_body_is_centered_at_the_body() -> None:
+    camera = CameraPose((0.0, -6.0, 1.0), (0.0, 0.0, 1.0), np.radians(40.0))
+    cube = item("cube", (0.0, 0.0, 1.0), (1.0, 1.0, 1.0), highlight=(0.0, 1.0, 0.0))
+    red, green, blue = np.moveaxis(render_picture(scene(cube, camera=camera), (121, 121)).astype(int), 2, 0)
+    is_tinted = green > np.maximum(red, blue) + 15
+    for axis in (0, 1):
+        lines = np.flatnonzero(is_tinted.any(axis=axis))
+        assert lines[0] + lines[-1] == pytest.approx(120, abs=1)
+        assert 20 < lines[-1] - lines[0] < 60

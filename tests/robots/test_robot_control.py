@@ -686,3 +686,9 @@ def test_a_motion_that_does_not_end_is_closed_after_its_time(sim: Simulation, ro
     with pytest.raises(TimeoutError, match=r"did not end within 0\.5 s"):
         robot.run(endless(), timeout_s=0.5)
     assert closed_s == [pytest.approx(start_s + 0.5, abs=0.051)]
+
+
+def test_a_robot_gets_a_name_that_no_body_begins_with(sim: Simulation, model: RobotModel) -> None:
+    sim.spawn(box(f"{model.name}.old.part", (2.0, 0.0, 0.5), (0.1, 0.1, 0.1)))
+    assert add_robot(sim, model).name == f"{model.name}_2"
+    assert add_robot(sim, model, Pose((0.0, 3.0, 0.0))).name == f"{model.name}_3"

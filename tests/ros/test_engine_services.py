@@ -49,6 +49,7 @@ def test_every_service_of_the_package_is_advertised(ros_interface: RosInterface,
     }
     assert len(expected) >= 19
     assert expected <= offered
+    assert [each.name for each in local_node.entry_points() if each.policy is None] == [], "all state their limits"
 
 
 def test_a_world_survives_a_round_trip_without_loss(engine: Call, simulation: Simulation) -> None:
@@ -196,7 +197,9 @@ def test_states_are_saved_and_restored_exactly(engine: Call, simulation: Simulat
     engine("push", id="Drawer", force={"x": -40.0, "y": 0.0, "z": 0.0})
     engine("step", duration_s=0.2)
     assert (simulation.state.poses != before).any()
+    revision = simulation.state.revision
     assert engine("restore_state", handle=handle)["success"]
+    assert simulation.state.revision > revision, "pages and caches read the bodies again"
     assert (simulation.state.poses == before).all()
     assert engine("forget_state", handle=handle)["success"]
     with pytest.raises(ServiceCallError, match="no saved state"):

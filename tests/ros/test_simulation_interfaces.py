@@ -368,10 +368,12 @@ def test_a_loaded_world_is_stopped_and_the_start_of_a_reset(worlds: Call, simula
 
 def test_missing_assets_of_a_world_are_an_error_unless_they_are_ignored(worlds: Call, simulation: Simulation) -> None:
     text = ROBOT.replace('<box size="1 1 0.5"/>', '<mesh filename="package://nowhere/base.stl"/>')
+    before = simulation.snapshot()
     reply = worlds("load_world", world_resource={"resource_string": text})
     assert code(reply) == 104
     assert "package://nowhere/base.stl" in reply["result"]["error_message"]
-    assert worlds("get_simulation_state")["state"]["state"] == NO_WORLD
+    assert simulation.snapshot() == before, "the former world is restored"
+    assert worlds("get_current_world")["world"]["name"] == "map"
     ignoring = {"world_resource": {"resource_string": text}, "ignore_missing_or_unsupported_assets": True}
     assert code(worlds("load_world", **ignoring)) == OK
     assert "base" in simulation.state.ids

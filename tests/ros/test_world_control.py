@@ -234,3 +234,16 @@ def test_calls_of_one_client_keep_their_order(client: Any, ros_interface: RosInt
     assert [position_of(each.result(TIMEOUT_S)["pose"])[1] for each in futures] == [
         float(number) for number in range(50)
     ]
+
+
+def test_a_failure_is_reported_with_its_operation(call: Call, diagnostics: list[Any]) -> None:
+    details = {"id_first_model": "Cupboard", "id_second_model": "nobody"}
+    assert not call("spawn_physics_constraint", constraint_description={"id": "glue", "constraint_details": details})[
+        "success"
+    ]
+    assert not call("spawn_pro_mesh", id="Mug", pose=pose_message(0, 3, 1), **BOX)["success"]
+
+    def names() -> set[str]:
+        return {status["name"] for each in diagnostics for status in each["status"]}
+
+    eventually(lambda: {"mindstage: spawn_physics_constraint", "mindstage: spawn_pro_mesh"} <= names())

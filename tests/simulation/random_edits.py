@@ -507,7 +507,7 @@ def seen(sim: Simulation) -> _Seen:
 
 def _bits(engine: Engine) -> bytes:
     data = engine.compiled().data  # type: ignore[attr-defined]
-    names = ("qpos", "qvel", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "tree_asleep", "body_awake", "time")
+    names = ("qpos", "qvel", "qacc_warmstart", "ctrl", "tree_asleep", "body_awake", "time")
     return b"".join(np.asarray(getattr(data, name)).tobytes() for name in names)
 
 

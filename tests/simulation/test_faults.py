@@ -232,8 +232,8 @@ def test_a_callback_of_late_ends_that_raises_does_not_end_the_thread(sim: Simula
     def fail(label: str, error: BaseException | None) -> None:
         raise SystemExit
 
-    sim.engine.engine.on_late_end(fail)
-    sim.engine.engine.on_late_end(lambda label, error: ends.append(label))
+    sim.engine.on_late_end(fail)
+    sim.engine.on_late_end(lambda label, error: ends.append(label))
     with pytest.raises(SimulationTimeoutError):
         sim.engine.run(lambda _: may_end.wait(TIMEOUT_S), label="late", timeout_s=0.05)
     may_end.set()

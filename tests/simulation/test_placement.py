@@ -12,12 +12,12 @@ from msgspec.structs import replace
 
 from mindstage.assets import MeshLibrary
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NoFreePlacementError
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError, NoFreePlacementError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World
 from mindstage.simulation import Simulation
-from mindstage.simulation.placement_list import load_items, place_items
+from mindstage.simulation.placement_list import load_items, parse_item, place_items
 from tests.kitchenette import kitchenette
 
 
@@ -156,3 +156,11 @@ def test_the_example_of_the_guide_prints_the_documented_output(capsys: pytest.Ca
     exec(compile(code, guide.name, "exec"), {})
     promised = [line.rpartition("# ")[2] for line in code.splitlines() if "print(" in line]
     assert capsys.readouterr().out.splitlines() == promised
+
+
+def test_an_item_in_words_is_a_class_and_where_it_goes(kitchen: Simulation) -> None:
+    plain, held = (parse_item(text, kitchen.knowledge) for text in ("CoffeeMug", "CoffeeMug:table"))
+    assert plain.cls == held.cls
+    assert (plain.support, held.support) == (None, "table")
+    with pytest.raises(NameNotFoundError):
+        parse_item("Mugg", kitchen.knowledge)

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -359,5 +360,28 @@ def test_many_statements_are_asked_where_they_are(kitchen: Simulation, monkeypat
             expected = in_simulation(kitchen, "where_is", {"thing": thing})
             assert answered["answers"] == expected["answers"]
         assert not pool.process_ids
+    finally:
+        pool.close()
+
+
+def test_processes_that_cannot_be_started_are_given_up_after_three_warnings(
+    kitchen: Simulation, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError("no more processes")
+
+    pool = QuestionPool(kitchen)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(subprocess, "Popen", refuse)
+            for _ in range(6):
+                pool.start_processes()
+                for thread in threading.enumerate():
+                    if thread.name == "mindstage-questions-start":
+                        thread.join(TIMEOUT_S)
+        assert [record.message for record in caplog.records].count(
+            "questions are answered in this process: no more processes"
+        ) == 3
+        assert not pool.has_processes
     finally:
         pool.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from math import dist
 from pathlib import Path
 
 import msgspec
@@ -14,6 +15,7 @@ from mindstage.api import load_knowledge
 from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
+from mindstage.maps import bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation
 from tests.semlog_maps import Actor, semlog_map
@@ -219,7 +221,7 @@ def test_a_map_without_a_floor_gets_a_ground_unless_it_is_refused(load_map: Load
     knowledge, simulation = load_map(*chairs)
     report = simulation.spawn(check_rest=True)
     assert notes_of(report, SpawnNoteKind.GROUND) == [
-        "nothing is below 2 loose bodies: a ground is added at a height of 0.000 m"
+        "nothing is below 2 loose bodies: a ground is assumed at a height of 0.000 m"
     ]
     assert not report.moved
     assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
@@ -249,6 +251,43 @@ def test_what_falls_out_of_the_place_is_stopped_and_reported_once(load_map: Load
 
 
 # -- real maps
+
+
+CAUSES_OF_MOTION = {
+    SpawnNoteKind.GROUND,
+    SpawnNoteKind.SETTLED,
+    SpawnNoteKind.EMBEDDED,
+    SpawnNoteKind.STOPPED,
+    SpawnNoteKind.OVERLAP,
+}
+
+
+def moved_by_m(before: Pose, after: Pose) -> float:
+    """The distance between two positions, computed here and not by what is tested [m]."""
+    return dist(before.position, after.position)
+
+
+def maps_at_hand(folder: Path) -> list[Path]:
+    return [bundled_kitchen(), *sorted((folder / "maps").glob("*.owl"))]
+
+
+def test_at_most_one_body_in_a_hundred_moves_in_any_map_and_each_is_named(shared_data: Path) -> None:
+    """Each that moves by more than 10 cm in 10 s is in a note on a cause of that."""
+    paths = maps_at_hand(shared_data)
+    assert {path.stem for path in paths} >= {*MAPS, "kitchen"}
+    for path in paths:
+        knowledge = load_knowledge([path])
+        for map in knowledge.maps():
+            with closing(Simulation(knowledge, MujocoEngine(), threaded=False)) as simulation:
+                described = {body.id: body.pose for body in knowledge.world(map).bodies}
+                report = simulation.spawn(map)
+                simulation.step(10.0)
+                present = {body.id: body.pose for body in simulation.snapshot().bodies}
+                moved = {id for id, pose in described.items() if moved_by_m(pose, present[id]) > 0.1}
+                causes = (note for note in (*report.notes, *simulation.engine.notes) if note.kind in CAUSES_OF_MOTION)
+                named = {id for note in causes for id in note.ids}
+                assert len(moved) <= len(described) / 100, (path.name, moved)
+                assert moved <= named, path.name
 
 
 @pytest.mark.parametrize("name", MAPS)

@@ -522,3 +522,17 @@ def test_a_robot_that_cannot_be_added_deletes_nothing(physics: Simulation) -> No
         add_robot(physics, "mobile_manipulator", name="bob")
     assert set(physics.state.ids) == before
     assert add_robot(physics, "mobile_manipulator", Pose((-2.0, 0.0, 0.0))).body_ids.isdisjoint(before)
+
+
+def test_without_saved_states_a_context_is_undone_by_moving_the_bodies_back() -> None:
+    class ForgetfulEngine(NullEngine):
+        capabilities = NullEngine.capabilities - {Capability.SAVE}
+
+    with Simulation(KnowledgeBase(), ForgetfulEngine(), threaded=False) as sim:
+        sim.spawn(kitchenette())
+        before = sim.snapshot()
+        with sim.edits.one_step("tidy up"):
+            sim.engine.run(lambda engine: engine.apply(SetPoses({MUG: THERE})), edits=True)
+        assert not is_same(before, sim.snapshot())
+        assert sim.edits.undo() == "tidy up"
+        assert is_same(before, sim.snapshot())

@@ -254,6 +254,7 @@ def test_a_prolog_query_is_answered_as_a_table_of_its_variables(page: FakePage, 
     found = page.ask("ask.prolog", line=line)
     assert found["columns"] == ["Map", "Place", "State", "Part"]
     assert (found["ids"], texts(found, "Part"), texts(found, "State")) == (["fridge"], ["fridge_door"], ["closed"])
+    assert (found["total"], found["complete"]) == (1, True)
     page.ask("ask.highlight", key=found["key"], color="red")
     assert set(simulation.state.highlights) == {"fridge"}
     assert page.ask("ask.prolog", line="storage_place(knowrob:'CowsMilk', knowrob:'Dishwasher')")["boolean"] is False

@@ -18,7 +18,7 @@ from mindstage.rendering.screenshot import LabelMode
 from mindstage.scene import Body, BodyId, Iri, Pose, Vector, World
 from mindstage.scene.transforms import pose_array
 from mindstage.viewer import client_views as camera_module
-from mindstage.viewer.client_views import ClientViews, Ghost, GizmoMode, MountCulling, Snapping
+from mindstage.viewer.client_views import ClientViews, Ghost, GizmoMode, MountCulling, Snapping, aspect_ratio
 from tests.cases import each_case
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeClient, FakeServer
@@ -452,6 +452,16 @@ def finish_camera_move(views: ClientViews, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(camera_module.time, "monotonic", lambda: now + 60.0)
     views.process_queue()
     monkeypatch.undo()
+
+
+def test_a_view_without_a_height_is_taken_for_a_square() -> None:
+    class Hidden:
+        @property
+        def aspect(self) -> float:
+            return 300 / 0
+
+    hidden: Any = Hidden()
+    assert aspect_ratio(hidden) == 1.0
 
 
 def test_the_home_view_depends_on_the_aspect_ratio(server: FakeServer, views: ClientViews) -> None:

@@ -164,6 +164,9 @@ def test_details_of_the_selected_body_include_live_pose_and_joints(
         "the new joint position is received",
     )
     assert client.latest["live_details"]["pose"]["position"] == [1.75, 0.0, 0.65]
+    client.ask("select", id="Mug")
+    eventually(client, "live_details", lambda live: live["id"] == "Mug", "the pose of what has no joints is received")
+    assert client.latest["live_details"]["joints"] == {}
 
 
 def test_details_are_shown_during_a_long_step(

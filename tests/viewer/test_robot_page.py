@@ -360,6 +360,7 @@ def test_the_state_of_a_skill_is_that_of_its_steps_and_its_end(fake: FakePage, v
     args = {"x": "0.3", "y": "-1.3", "yaw": "0.5"}
     fake.ask("robots.skill", robot=NAME, skill="go_to", args=args)
     assert (skill()["state"], skill()["skill"], skill()["args"]) == ("running", "go_to", args)
+    wait_until(lambda: skill()["step"] == "drive to (0.30, -1.30)", "its step is shown")
     wait_until(lambda: skill()["state"] == "done", "it ends")
     assert (skill()["outcome"], skill()["step"]) == ("succeeded", "")
     assert "stands at (0.30, -1.30)" in skill()["reason"]

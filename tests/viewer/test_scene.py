@@ -270,6 +270,19 @@ def test_a_highlight_in_a_batch_dims_its_other_members(server: FakeServer, scene
     assert 0 < len(plain["batched_positions"]) == len(plain["batched_colors"]) == len(plain["batched_opacities"])
 
 
+def test_a_body_that_comes_back_after_its_highlight_ended_is_not_highlighted(
+    server: FakeServer, scene: ViewerScene
+) -> None:
+    world = many_mugs()
+    show(scene, world)
+    scene.set_highlights({MUG: GREEN})
+    assert variant(server, "Mug") == "plain"
+    scene.set_highlights({})
+    show(scene, replace(world, bodies=tuple(body for body in world.bodies if body.id != MUG)))
+    show(scene, world)
+    assert variant(server, "Mug") == "textured"
+
+
 def test_removing_a_member_keeps_the_rest_of_the_batch(
     server: FakeServer, scene: ViewerScene, clickable: ClickableNodes
 ) -> None:

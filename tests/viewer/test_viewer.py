@@ -27,6 +27,7 @@ from mindstage.textures import TextureMap
 from mindstage.viewer import Viewer
 from mindstage.viewer.http import texture_path
 from tests.kitchenette import kitchenette
+from tests.viewer.fake_page import FakePage
 from tests.viewer.page_client import RequestFailedError, connect_page_client
 from tests.viewer.waiting import wait_until
 
@@ -57,7 +58,9 @@ def port_taken() -> Iterator[int]:
 def test_the_page_is_served_at_its_url(viewer: Viewer) -> None:
     assert viewer.url.startswith("http://127.0.0.1:")
     with urllib.request.urlopen(viewer.url, timeout=30) as page:
-        assert b"<html" in page.read()
+        text = page.read()
+    assert b"<html" in text
+    assert b"<title>Mindstage</title>" in text
 
 
 def test_images_of_textures_are_served_and_unknown_ones_are_not_found(viewer: Viewer) -> None:
@@ -289,3 +292,10 @@ def test_every_method_of_the_page_is_admitted_and_answered(viewer: Viewer) -> No
         for name in methods:
             with pytest.raises(RequestFailedError, match=r"^InvalidRequestError: .*no_such_field"):
                 page.ask(name, no_such_field=1)
+
+
+def test_a_duplicate_is_named_in_the_history(simulation: Simulation, viewer: Viewer) -> None:
+    (copy,) = FakePage(viewer.channel).ask("duplicate", ids=["Mug"])
+    assert simulation.edits.history.undo[0] == f"{copy} duplicated"
+    simulation.edits.undo()
+    assert copy not in simulation.state.ids

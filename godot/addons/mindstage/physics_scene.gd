@@ -6,6 +6,7 @@ extends RefCounted
 ## Bodies that a change does not name keep their pose, velocity and sleep state.
 
 const _MAX_REGIONS: int = 16
+const _GROUND_THICKNESS_M: float = 0.2
 ## The fields of a body's model that the physics depends on.
 const _PHYSICS_KEYS: Array[String] = [
 	"top",
@@ -27,8 +28,10 @@ var groups: Dictionary[String, MindstageRigidGroup] = {}
 var joints: Dictionary[String, MindstageJoint] = {}
 ## For each body id, the ids of the bodies that it does not collide with.
 var excluded_pairs: Dictionary[String, Dictionary] = {}
-## The ground plane, null if there is none.
+## The ground, null if there is none.
 var ground: StaticBody3D
+## Its height [m] and its area (the JSON of a `GroundDelta`); without a height if there is none.
+var ground_data: Dictionary = {}
 
 var _joint_builder: MindstageJointBuilder
 var _dynamic_groups: Array[MindstageRigidGroup] = []
@@ -56,7 +59,7 @@ func apply(model_change: Dictionary) -> void:
 	var motions: Dictionary[String, Array] = {}
 	_dynamic_groups_valid = false
 	if model_change.has("ground"):
-		set_ground(model_change["ground"].get("height_m"))
+		set_ground(model_change["ground"])
 	var rebuilt_groups: Dictionary[String, bool] = _regroup(model_change.get("bodies", {}), motions, changed_regions)
 	for id: String in rebuilt_groups:
 		_rebuild(id, motions)
@@ -94,27 +97,33 @@ func remove(bodies: Array[MindstageBody], removed_joints: PackedStringArray) -> 
 	_wake(changed_regions)
 
 
-## Adds the ground plane at a height [m], moves it there, or removes it if the height is null.
-func set_ground(height: Variant) -> void:
+## Adds the ground, replaces it, or removes it if the data have no height; without an area it is a plane.
+func set_ground(data: Dictionary) -> void:
 	if ground != null:
 		discard(ground)
 		ground = null
-	if height == null:
+	ground_data = data
+	if data.get("height_m") == null:
 		return
 	ground = StaticBody3D.new()
 	ground.name = "Ground"
 	ground.collision_layer = MindstageRigidGroup.GROUND
 	ground.collision_mask = 0
-	var plane: CollisionShape3D = CollisionShape3D.new()
-	plane.shape = WorldBoundaryShape3D.new()
-	ground.add_child(plane)
-	ground.position = Vector3(0.0, float(height), 0.0)
+	var height: float = data["height_m"]
+	var shape: CollisionShape3D = CollisionShape3D.new()
+	if data.get("area") == null:
+		shape.shape = WorldBoundaryShape3D.new()
+		ground.position = Vector3(0.0, height, 0.0)
+	else:
+		var area: Array = data["area"]
+		var low: Vector3 = MindstageFrames.vector(area[0], area[1], height - _GROUND_THICKNESS_M)
+		var high: Vector3 = MindstageFrames.vector(area[2], area[3], height)
+		var box: BoxShape3D = BoxShape3D.new()
+		box.size = (high - low).abs()
+		shape.shape = box
+		ground.position = (low + high) / 2.0
+	ground.add_child(shape)
 	simulation.add_child(ground, false, Node.INTERNAL_MODE_BACK)
-
-
-## The height of the ground plane [m], null if there is none.
-func ground_height() -> Variant:
-	return null if ground == null else ground.position.y
 
 
 ## A copy of the joint frames of the physics model, for snapshots.

@@ -35,7 +35,7 @@ static func capture(simulation: MindstageSimulation) -> Dictionary:
 				"joint_nodes": joints,
 				"joint_frames": simulation.physics_scene.copy_joint_frames(),
 				"excluded_pairs": simulation.physics_scene.excluded_pairs,
-				"ground_height": simulation.physics_scene.ground_height(),
+				"ground": simulation.physics_scene.ground_data,
 				"light_nodes": lights,
 			}
 		)
@@ -64,7 +64,7 @@ static func restore(simulation: MindstageSimulation) -> void:
 		body.node = simulation.get_node_or_null(data["node"])
 		simulation.world_model.bodies[id] = body
 	simulation.physics_scene.excluded_pairs.assign(state["excluded_pairs"])
-	simulation.physics_scene.set_ground(state.get("ground_height"))
+	simulation.physics_scene.set_ground(state.get("ground", {}))
 	_restore_groups(simulation)
 	_restore_joints(simulation, state)
 

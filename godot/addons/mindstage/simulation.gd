@@ -96,7 +96,7 @@ func delete(ids: Array, plan: String) -> Dictionary:
 func clear() -> void:
 	var before: MindstageUndoSnapshot = _snapshot()
 	_remove(world_model.bodies.keys())
-	physics_scene.set_ground(null)
+	physics_scene.set_ground({})
 	for id: String in lights:
 		MindstagePhysicsScene.discard(lights[id])
 	lights.clear()

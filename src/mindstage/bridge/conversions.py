@@ -353,16 +353,18 @@ class BodyModelDelta(FrozenStruct, frozen=True, kw_only=True):
     """Coefficient of friction; None is the default of the engine."""
     restitution: float | None = None
     on_ground: bool = False
-    """Whether the body collides with the ground plane."""
+    """Whether the body collides with the ground."""
     inertia: Inertia | None = None
     """Mass distribution; None for that of the collision shapes."""
 
 
 class GroundDelta(FrozenStruct, frozen=True, kw_only=True):
-    """A changed ground plane."""
+    """A changed ground."""
 
     height_m: float | None
     """Its height [m]; None if it is removed."""
+    area: tuple[float, float, float, float] | None = None
+    """Its rectangle, least x and y and largest x and y [m]; None for a plane."""
 
 
 class DriveModelDelta(FrozenStruct, frozen=True, kw_only=True):

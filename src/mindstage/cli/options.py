@@ -477,7 +477,7 @@ PrimitiveShapes = Annotated[
 
 Ground = Annotated[
     bool,
-    typer.Option("--ground/--no-ground", help="Add a ground plane where the map has nothing below loose bodies."),
+    typer.Option("--ground/--no-ground", help="Assume a ground where the map has nothing below loose bodies."),
 ]
 
 EpisodeFiles = Annotated[
@@ -550,6 +550,16 @@ SizeFrames = Annotated[
     ),
 ]
 
+UnstatedMobilities = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--mobility",
+        metavar="[MAP=]WHICH",
+        help="Bodies without a mobility: by-class (what people carry and has something below it is loose) or static.",
+        show_default=False,
+    ),
+]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapReading(OptionGroup):
@@ -563,6 +573,7 @@ class MapReading(OptionGroup):
     frame: FrameNames = None
     quaternion: QuaternionOrders = None
     sizes: SizeFrames = None
+    mobility: UnstatedMobilities = None
 
     @property
     def expands_xacro(self) -> bool | None:

@@ -30,6 +30,7 @@ __all__ = [
     "ActuatorMode",
     "ActuatorState",
     "Applied",
+    "AssumingEngine",
     "Capability",
     "Contact",
     "DynamicsScale",
@@ -146,7 +147,7 @@ class Contact(msgspec.Struct, frozen=True, kw_only=True):
 
     a: BodyId
     b: BodyId | None
-    """None for a ground plane that the engine has added."""
+    """None for a ground that the engine has added."""
     position: Vector
     """Mean of the contact points, weighted by force, in the world frame [m]."""
     normal: Vector
@@ -199,7 +200,7 @@ class SpawnNoteKind(StrEnum):
     IMMOVABLE = "immovable"
     """Bodies that the map describes as dynamic are static by their class."""
     GROUND = "ground"
-    """The map has nothing below these bodies, so a ground plane was added."""
+    """The map has nothing below these bodies, or they may fall past what is below them, so a ground was added."""
     CLAMPED = "clamped"
     """A number of the body is outside of the range that can be simulated; the nearest one is used."""
     STOPPED = "stopped"
@@ -462,6 +463,15 @@ class EngineFactory(NamedTuple):
     Raises:
         EngineUnavailableError: it cannot be loaded, started or reached.
     """
+
+
+@runtime_checkable
+class AssumingEngine(Protocol):
+    """An engine that completes the world with assumptions, on which the results of its physics rest."""
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """The present ones, one sentence each; a function of the state."""
 
 
 @runtime_checkable

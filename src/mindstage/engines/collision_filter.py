@@ -112,17 +112,24 @@ class CollisionFilter:
     """Wall panels of each hollow body, in its own frame."""
     contents: dict[BodyId, tuple[BodyId, ...]] = field(default_factory=dict)
     """The bodies for which each hollow body was made hollow."""
+    temporary_pairs: set[tuple[BodyId, BodyId]] = field(default_factory=set)
+    """Those of the excluded pairs that collide again once they were apart."""
 
     def copy(self) -> CollisionFilter:
         """An independent copy."""
         return CollisionFilter(
-            set(self.excluded_pairs), set(self.non_colliding), dict(self.wall_panels), dict(self.contents)
+            set(self.excluded_pairs),
+            set(self.non_colliding),
+            dict(self.wall_panels),
+            dict(self.contents),
+            set(self.temporary_pairs),
         )
 
     def remove(self, ids: Iterable[BodyId]) -> None:
         """Removes the decisions on bodies."""
         removed = set(ids)
         self.excluded_pairs = {pair for pair in self.excluded_pairs if not removed.intersection(pair)}
+        self.temporary_pairs &= self.excluded_pairs
         self.non_colliding -= removed
         for id in removed:
             self.wall_panels.pop(id, None)
@@ -131,6 +138,7 @@ class CollisionFilter:
     def restore(self, before: SimulatedBodies, *, existing: Container[BodyId]) -> None:
         """Adds the earlier decisions on bodies that were removed, as far as they are about existing ones."""
         self.excluded_pairs |= {(a, b) for a, b in before.excluded_pairs if a in existing and b in existing}
+        self.temporary_pairs |= before.temporary_pairs & self.excluded_pairs
         self.non_colliding |= before.non_colliding
         self.wall_panels |= before.wall_panels
         self.contents |= before.contents

@@ -68,6 +68,8 @@ class SimulatedBodies(FrozenStruct, frozen=True, kw_only=True):
     """Joints whose limits are narrower than those of the world."""
     excluded_pairs: frozenset[BodyPair] = frozenset()
     """Pairs that do not collide, since they overlapped."""
+    temporary_pairs: frozenset[BodyPair] = frozenset()
+    """Those of them that collide again once they were apart."""
     given_excluded_pairs: frozenset[BodyPair] = frozenset()
     """Pairs that do not collide, since a spawn stated it."""
     non_colliding: frozenset[BodyId] = frozenset()

@@ -1,8 +1,6 @@
-"""The place that a world occupies: its bounds, the ground below it, and bodies that leave it.
+"""The place that a world occupies: its bounds, and bodies that leave it.
 
-Maps of episodes often have no floor, and loose bodies would fall into nothing. Where there is nothing below one, a
-ground plane is added at the height of the lowest of them. Bodies that fall far below the place are stopped there, since
-their poses would grow without limit.
+Bodies that fall far below the place are stopped there, since their poses would grow without limit.
 """
 
 from __future__ import annotations
@@ -18,6 +16,7 @@ from mindstage.engines.base import Engine, MovedBody
 from mindstage.errors import SimulationDivergedError
 from mindstage.scene import BodyId, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
+from mindstage.scene.spatial import SCENERY_MIN_SIZE_M
 from mindstage.scene.transforms import Array
 
 __all__ = [
@@ -27,9 +26,7 @@ __all__ = [
     "EnvironmentBounds",
     "belongs_to_place",
     "find_bodies_that_move",
-    "find_ground_height",
     "find_moved_bodies",
-    "find_unsupported",
 ]
 
 MAX_FALL_M = 10.0
@@ -40,17 +37,10 @@ REST_CHECK_S = 2.0
 """Simulated time for which bodies are observed after a spawn [s]."""
 _REST_CHECK_STEP_S = 0.1
 
-_MAX_PLACE_EXTENT_M = 30.0
-"""Larger bodies are scenery, such as a panorama, and do not belong to the place."""
 _MAX_PLACE_RADIUS_M = 1e3
 """Bodies that are farther from the median position are errors of the map, and do not belong to the place either."""
 _LEFT_MARGIN_M = 0.5
 """A body whose center is farther outside of the bounds has left the place [m]."""
-_MAX_PAIRS = 2_000_000
-"""Largest number of pairs of a point and a box that are compared at once."""
-_MAX_OUTLIER_FRACTION = 0.1
-_MIN_OUTLIER_GAP_M = 1.0
-"""The lowest bodies are ignored for the ground if they are few, and farther below all others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +63,7 @@ class EnvironmentBounds:
 
     def includes(self, boxes: OrientedBoxes) -> NDArray[np.bool_]:
         """For each new body, whether it belongs to the place: neither scenery nor far away."""
-        is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+        is_scenery = (2 * boxes.half_extents).max(axis=1, initial=0.0) > SCENERY_MIN_SIZE_M
         distance = np.abs(boxes.center - (self.low + self.high) / 2).max(axis=1, initial=0.0)
         return np.asarray(~is_scenery & (distance <= _MAX_PLACE_RADIUS_M))
 
@@ -97,7 +87,7 @@ class EnvironmentBounds:
 
 def belongs_to_place(boxes: OrientedBoxes) -> NDArray[np.bool_]:
     """For each body, whether it belongs to the place: neither scenery nor far away from most others."""
-    is_scenery: NDArray[np.bool_] = (2 * boxes.half_extents).max(axis=1, initial=0.0) > _MAX_PLACE_EXTENT_M
+    is_scenery: NDArray[np.bool_] = (2 * boxes.half_extents).max(axis=1, initial=0.0) > SCENERY_MIN_SIZE_M
     if is_scenery.all():
         is_scenery[:] = False
     if not len(is_scenery):
@@ -106,55 +96,6 @@ def belongs_to_place(boxes: OrientedBoxes) -> NDArray[np.bool_]:
     is_far = np.abs(boxes.center - middle).max(axis=1) > _MAX_PLACE_RADIUS_M
     belongs = ~is_scenery & ~is_far
     return np.asarray(belongs if belongs.any() else ~is_scenery)
-
-
-def find_unsupported(centers: Array, supports: OrientedBoxes) -> NDArray[np.bool_]:
-    """Whether nothing is below each of some points.
-
-    Args:
-        centers: centers of loose bodies, n x 3 [m].
-        supports: boxes of fixed collision shapes.
-    """
-    unsupported = np.ones(len(centers), dtype=bool)
-    low, high = supports.bounds()
-    largest_first = np.argsort(-np.prod(high[:, :2] - low[:, :2], axis=1), kind="stable")
-    chunk = max(1, _MAX_PAIRS // max(1, len(centers)))
-    for first in range(0, len(largest_first), chunk):
-        boxes, rows = largest_first[first : first + chunk], np.flatnonzero(unsupported)
-        x, y, z = (column[:, None] for column in centers[rows].T)
-        is_over = (x >= low[boxes, 0]) & (x <= high[boxes, 0]) & (y >= low[boxes, 1]) & (y <= high[boxes, 1])
-        points, hit = np.nonzero(is_over & (z >= low[boxes, 2]))
-        points, hit = rows[points], boxes[hit]
-        unsupported[points[_ray_hits(centers[points], supports, hit)]] = False
-    return unsupported
-
-
-def _ray_hits(points: Array, boxes: OrientedBoxes, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether the vertical ray downward from each point hits the box of its row (slab method)."""
-    rotation, half = boxes.rotation[rows], boxes.half_extents[rows]
-    start, direction = np.einsum("ni,nij->nj", points - boxes.center[rows], rotation), -rotation[:, 2]
-    parallel = np.abs(direction) < 1e-12
-    inverse = np.where(parallel, 1.0, 1.0 / np.where(parallel, 1.0, direction))
-    first, second = (-half - start) * inverse, (half - start) * inverse
-    near, far = np.minimum(first, second), np.maximum(first, second)
-    is_inside = np.abs(start) <= half
-    near = np.where(parallel, np.where(is_inside, -np.inf, np.inf), near)
-    far = np.where(parallel, np.where(is_inside, np.inf, -np.inf), far)
-    return np.asarray((near.max(axis=1) <= far.min(axis=1)) & (far.min(axis=1) >= 0.0))
-
-
-def find_ground_height(bottoms: Array) -> float:
-    """The height of the ground for loose bodies with nothing below them: that of the lowest one [m].
-
-    A few bodies that are far below all others do not count: they had fallen when the map was recorded.
-
-    Args:
-        bottoms: heights of their lower sides, at least one [m].
-    """
-    heights = np.sort(bottoms)
-    gaps = np.diff(heights[: int(len(heights) * _MAX_OUTLIER_FRACTION) + 1])
-    outliers = np.flatnonzero(gaps > _MIN_OUTLIER_GAP_M)
-    return float(heights[outliers[-1] + 1 if len(outliers) else 0])
 
 
 def find_moved_bodies(

@@ -154,6 +154,11 @@ class MassProperties:
         geometry = self.geometry.get(id)
         return self.compiled(id) if geometry is None or geometry.inertia is None else geometry.inertia
 
+    def center_of_mass(self, id: BodyId) -> Array:
+        """The center of mass of a body, in its frame [m]."""
+        found = self.mass_distribution(id)
+        return np.asarray(found.center if isinstance(found, Inertia) else found.center_of_mass, dtype=float)
+
     # -- masses --------------------------------------------------------------------------------------------------
 
     def mass(self, id: BodyId, *, is_dynamic: bool) -> float:

@@ -30,12 +30,17 @@ from mindstage.engines.collision_filter import (
 from mindstage.engines.editing import Performed, links_of, pose_row
 from mindstage.engines.edits import RestoreBodies, SetActuators, SettledPose, SimulatedBodies
 from mindstage.engines.entity_registry import AddResult, EntityRegistry
-from mindstage.engines.environment_bounds import (
-    MAX_FALL_M,
-    EnvironmentBounds,
-    belongs_to_place,
+from mindstage.engines.environment_bounds import MAX_FALL_M, EnvironmentBounds, belongs_to_place
+from mindstage.engines.ground import (
+    Columns,
+    Ground,
+    find_balanced,
+    find_columns,
     find_ground_height,
-    find_unsupported,
+    find_resting,
+    find_supported,
+    ground_area,
+    ground_notes,
 )
 from mindstage.engines.kinematic_tree import (
     JointAxis,
@@ -60,6 +65,7 @@ from mindstage.scene import (
     Pose,
     Vector,
 )
+from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.collision_shapes import (
     CollisionShapeBatch,
     compile_geometry,
@@ -78,6 +84,7 @@ from mindstage.scene.transforms import (
     pose_inverse,
     pose_multiply,
     quat_angle,
+    quat_rotate,
 )
 
 __all__ = [
@@ -148,8 +155,8 @@ class PhysicsModel:
     """Pairs that never collide, the lower id first; pairs within one rigid group are not listed."""
     joints: Mapping[BodyId, JointModel]
     """By joint id; without joints that have no effect."""
-    ground_height_m: float | None = None
-    """Height of the ground plane; None if there is none."""
+    ground: Ground | None = None
+    """The assumed ground; None if there is none."""
 
 
 def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
@@ -172,7 +179,7 @@ def build_physics_model(builder: PhysicsModelBuilder) -> PhysicsModel:
     joints = {
         tree_joint.joint.id: _joint_model(builder, tree_joint, closes_loop) for tree_joint, closes_loop in tree_joints
     }
-    return PhysicsModel(bodies, frozenset(builder.excluded_pairs()), joints, builder.ground_height_m)
+    return PhysicsModel(bodies, frozenset(builder.excluded_pairs()), joints, builder.ground)
 
 
 def _body_model(
@@ -237,10 +244,10 @@ class PhysicsModelBuilder:
         """Bodies that a spawn moved out of others."""
         self.bounds: EnvironmentBounds | None = None
         """Bounds of the bodies when the last world was spawned."""
-        self.ground_height_m: float | None = None
-        """Height of the ground plane [m]; None if there is none."""
+        self.ground: Ground | None = None
+        """The assumed ground; None if there is none."""
         self._below_ground: set[BodyId] = set()
-        """Loose bodies that were below the ground when it was added."""
+        """Loose bodies that were below the ground, or in it, when it was added."""
         self._forest: KinematicForest | None = None
         self._loose_roots: frozenset[BodyId] | None = None
         self._changed_bodies: set[BodyId] = set()
@@ -263,7 +270,7 @@ class PhysicsModelBuilder:
             set(self._changed_bodies),
             self._collision_state,
         )
-        result.settled, result.bounds, result.ground_height_m = dict(self.settled), self.bounds, self.ground_height_m
+        result.settled, result.bounds, result.ground = dict(self.settled), self.bounds, self.ground
         result._below_ground, result._loose_roots = set(self._below_ground), self._loose_roots
         return result
 
@@ -296,8 +303,17 @@ class PhysicsModelBuilder:
         return self.forest.root_of[id] in self.loose_roots
 
     def collides_with_ground(self, id: BodyId) -> bool:
-        """Whether a body collides with the ground plane: loose bodies do, unless they are below it."""
-        return self.ground_height_m is not None and id not in self._below_ground and self.is_loose(id)
+        """Whether a body collides with the ground: loose bodies do, unless they were below it."""
+        return self.ground is not None and id not in self._below_ground and self.is_loose(id)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """See `AssumingEngine`."""
+        pairs = (
+            f"{a} and {b} began inside each other: they do not collide until they are 1 mm apart"
+            for a, b in sorted(self.collision_filter.temporary_pairs)
+        )
+        return (*(() if self.ground is None else (self.ground.assumption,)), *pairs)
 
     @property
     def geometry(self) -> GeometryMap:
@@ -390,6 +406,7 @@ class PhysicsModelBuilder:
         notes = [*outward_notes, *self.mass_properties.assumption_notes(added.bodies, self._is_dynamic), *invalid_notes]
         new = {*added.bodies, *added.joints}
         notes += [note for note in self.forest.notes if new.intersection(note.ids)]
+        excluded = set(self.collision_filter.excluded_pairs)
         collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=edit.settle)
         notes += collision_notes
         moved = self._settle(loose, set(added.bodies), poses, notes) if loose.pairs else {}
@@ -398,6 +415,7 @@ class PhysicsModelBuilder:
         for id, pose in moved.items():
             poses[rows[id]] = pose
         notes += self._fix_non_colliding(added.bodies)
+        self._mark_temporary(self.collision_filter.excluded_pairs - excluded, set(added.bodies))
         is_single = not (added.joints or added.attachments or moved)
         place_notes = self._update_place_near(added.bodies, poses, has_ground=edit.ground) if is_single else None
         if place_notes is None:
@@ -446,6 +464,7 @@ class PhysicsModelBuilder:
             joint_frames={id: (pose_row(a), pose_row(b)) for id, (a, b) in self.joint_frames.items() if id in joints},
             simulated_joints={id: each for id, each in self.simulated_joints.items() if id in joints},
             excluded_pairs=frozenset(pair for pair in filtered.excluded_pairs if not kept.isdisjoint(pair)),
+            temporary_pairs=frozenset(pair for pair in filtered.temporary_pairs if not kept.isdisjoint(pair)),
             given_excluded_pairs=frozenset(pair for pair in self.given_excluded_pairs if not kept.isdisjoint(pair)),
             non_colliding=frozenset(filtered.non_colliding & kept),
             wall_panels={id: panels for id, panels in filtered.wall_panels.items() if id in kept},
@@ -705,6 +724,41 @@ class PhysicsModelBuilder:
         trees = (forest.tree_root_of(forest.root_of[id]) for id in ids)
         return np.array([numbers.setdefault(tree, len(numbers)) for tree in trees], dtype=np.intp)
 
+    def _mark_temporary(self, pairs: Iterable[tuple[BodyId, BodyId]], new_ids: Collection[BodyId]) -> None:
+        """Excluded pairs that collide again once they were apart: bodies that were added to others, and loose ones.
+
+        Parts that one world describes as overlapping, such as a drawer and its casing, have to return to each other.
+        """
+        root_of, jointed = self.forest.root_of, self._collision_state.jointed_roots
+        for a, b in pairs:
+            is_added_to = (a in new_ids) is not (b in new_ids)
+            is_part = sorted_pair(root_of[a], root_of[b]) in jointed or (a, b) in self.given_excluded_pairs
+            if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):
+                self.collision_filter.temporary_pairs.add((a, b))
+
+    def separated_pairs(self, poses: Array) -> set[tuple[BodyId, BodyId]]:
+        """The temporarily excluded pairs that are apart now.
+
+        MuJoCo's own distance is not used: it is positive for some boxes that are deep inside each other.
+        """
+        pairs = sorted(self.collision_filter.temporary_pairs)
+        place = {id: number for number, id in enumerate(dict.fromkeys(id for pair in pairs for id in pair))}
+        rows = {id: row for row, id in enumerate(self.registry.ids) if id in place}
+        compiled = [compile_geometry(self.collision_shapes(id)[0]) for id in place]
+        shapes = CollisionShapeBatch.from_compiled(poses[[rows[id] for id in place]], compiled)
+        ends = np.array([[place[id] for id in pair] for pair in pairs], dtype=np.intp)
+        depths = shapes.penetration_depths(ends[:, 0], ends[:, 1], np.zeros(len(pairs)), margin_m=_APART_M)
+        return {pair for pair, depth in zip(pairs, depths.tolist(), strict=True) if depth <= -_APART_M}
+
+    def include_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> None:
+        """Lets pairs collide again that were apart; appends to `late_notes`."""
+        self.collision_filter.excluded_pairs -= set(pairs)
+        self.collision_filter.temporary_pairs -= set(pairs)
+        self.late_notes += [
+            SpawnNote(SpawnNoteKind.OVERLAP, (a, b), f"{a} and {b} are apart: they collide from now on")
+            for a, b in sorted(pairs)
+        ]
+
     # -- rest --------------------------------------------------------------------------------------------------------
 
     def _settle(
@@ -797,28 +851,47 @@ class PhysicsModelBuilder:
         return poses
 
     def _update_place(self, new_ids: Sequence[BodyId], poses: Array, *, has_ground: bool) -> list[SpawnNote]:
-        """Updates the bounds of the place, and the ground below it."""
-        ids = self.registry.ids
+        """Updates the bounds of the place, and the ground below it.
+
+        A ground stays where it is as long as a body needs it, unless one that is added begins below it, or a fixed body
+        that is added is lower.
+        """
+        ids, before = self.registry.ids, self.ground
         boxes = self.mass_properties.overlap_boxes(ids, poses)
         self.bounds = EnvironmentBounds.from_boxes(boxes)
         if not has_ground:
             return []
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
-        unsupported = self._unsupported_rows(poses, is_loose & belongs_to_place(boxes))
-        if not len(unsupported):
-            self.ground_height_m, self._below_ground = None, set()
+        is_new = np.arange(len(ids)) >= len(ids) - len(new_ids)
+        belongs, low = belongs_to_place(boxes), boxes.bounds()[0][:, 2]
+        hanging, unbalanced = self._unsupported_rows(np.flatnonzero(is_loose & belongs), poses)
+        needs = np.union1d(hanging, unbalanced)
+        if not len(needs):
+            self.ground, self._below_ground = None, set()
             return []
-        low, high = boxes.bounds()
-        bottoms, before = low[unsupported, 2], self.ground_height_m
-        if before is None or not np.any(np.abs(bottoms - before) < _GROUND_TOLERANCE_M):
-            self.ground_height_m = find_ground_height(bottoms)
-        height_m = self.ground_height_m
-        assert height_m is not None
-        self._below_ground = {ids[row] for row in unsupported.tolist() if high[row, 2] < height_m}
-        affected = [ids[row] for row in unsupported.tolist()]
-        if height_m == before and not set(affected).intersection(new_ids):
-            return []
-        return [_ground_note(affected, height_m)]
+        is_hanging, is_decided = np.isin(np.arange(len(ids)), hanging), ~is_new
+        if (
+            before is None
+            or (low[needs[is_new[needs]]] < before.height_m - _IN_GROUND_M).any()
+            or (low[is_new & ~is_loose & belongs] < before.height_m - _GROUND_TOLERANCE_M).any()
+        ):
+            height_m = find_ground_height(boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging)
+            if before is None or abs(height_m - before.height_m) > _IN_GROUND_M:
+                self._below_ground, is_decided[:] = set(), False
+            else:
+                height_m = before.height_m
+        else:
+            height_m = before.height_m
+        is_lower = low < height_m - _IN_GROUND_M
+        self._below_ground |= {ids[row] for row in np.flatnonzero(is_lower & is_loose & ~is_decided).tolist()}
+        collides = np.array([id not in self.collision_filter.non_colliding for id in ids], dtype=bool)
+        area = ground_area(boxes, needs=needs) if np.any(is_lower & collides & ~is_hanging) else None
+        self.ground = Ground(height_m, tuple(ids[row] for row in needs.tolist()), area)
+        return ground_notes(
+            height_m,
+            hanging=[ids[row] for row in hanging.tolist() if not is_decided[row]],
+            unbalanced=[ids[row] for row in unbalanced.tolist() if not is_decided[row]],
+        )
 
     def _update_place_near(
         self, new_ids: Sequence[BodyId], poses: Array, *, has_ground: bool
@@ -831,60 +904,112 @@ class PhysicsModelBuilder:
         if not 0 < len(new_ids) <= _MAX_LOCAL_BODIES < len(ids) or bounds is None:
             return None
         is_loose = np.array([self.is_loose(id) for id in new_ids], dtype=bool)
-        first, height_m = len(ids) - len(new_ids), self.ground_height_m
+        first, ground = len(ids) - len(new_ids), self.ground
         boxes = self.mass_properties.overlap_boxes(new_ids, poses[first:])
-        belongs = bounds.includes(boxes)
-        unsupported: list[int] = []
+        belongs, (low, high) = bounds.includes(boxes), boxes.bounds()
+        notes = []
         if has_ground:
-            loose = first + np.flatnonzero(is_loose & belongs)
-            unsupported = self._unsupported_near(loose, poses) if len(loose) else []
-            if unsupported if height_m is None else not is_loose.all():
-                return None  # a ground is added, or a support for what is on the ground
-        low, high = boxes.bounds()
+            if ground is not None and (
+                ground.area is not None or not is_loose.all() or (low[:, 2] < ground.height_m - _IN_GROUND_M).any()
+            ):
+                return None  # they may change its height or area, or be a support for what is on it
+            hanging, unbalanced = self._unsupported_rows(first + np.flatnonzero(is_loose & belongs), poses)
+            needs = [ids[row] for row in np.union1d(hanging, unbalanced).tolist()]
+            if needs and ground is None:
+                return None  # a ground is added
+            if needs and ground is not None:
+                self.ground = ground._replace(bodies=(*ground.bodies, *needs))
+                notes = ground_notes(
+                    ground.height_m,
+                    hanging=[ids[row] for row in hanging.tolist()],
+                    unbalanced=[ids[row] for row in unbalanced.tolist()],
+                )
         self.bounds = bounds.extended(low[belongs], high[belongs])
-        if not unsupported or height_m is None:
-            return []
-        self._below_ground |= {ids[row] for row in unsupported if high[row - first, 2] < height_m}
-        return [_ground_note([ids[row] for row in unsupported], height_m)]
+        return notes
 
-    def _unsupported_near(self, loose: NDArray[np.intp], poses: Array) -> list[int]:
-        """Those of some single loose bodies, by their rows, that have nothing fixed below them."""
-        ids, radii = self.registry.ids, self.mass_properties.bounding_radii(self.registry.ids) + TOUCH_TOLERANCE_M
-        offsets = poses[None, :, :2] - poses[loose, None, :2]
-        near = np.flatnonzero((np.einsum("lni,lni->ln", offsets, offsets) <= radii * radii).any(axis=0)).tolist()
-        non_colliding = self.collision_filter.non_colliding
-        fixed = [row for row in near if ids[row] not in non_colliding and not self.is_loose(ids[row])]
-        compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
-        supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
-        is_unsupported = find_unsupported(poses[loose, :3], supports)
-        return [row for row, alone in zip(loose.tolist(), is_unsupported.tolist(), strict=True) if alone]
+    def _unsupported_rows(self, loose: Indices, poses: Array) -> tuple[Indices, Indices]:
+        """Those of some loose bodies, by their rows, that have nothing below them; and those that may fall past it.
 
-    def _unsupported_rows(self, poses: Array, is_loose: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """The loose bodies of trees that have nothing fixed below them."""
-        ids, forest = self.registry.ids, self.forest
-        loose = np.flatnonzero(is_loose)
+        Args:
+            loose: the rows of all bodies of some loose trees.
+            poses: poses of all bodies.
+        """
+        ids = self.registry.ids
         if not len(loose):
-            return loose
+            return loose, loose
+        names = [ids[row] for row in loose.tolist()]
+        tree = self._tree_numbers(names)
         non_colliding = self.collision_filter.non_colliding
-        fixed = [row for row in np.flatnonzero(~is_loose).tolist() if ids[row] not in non_colliding]
-        compiled = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
-        supports = CollisionShapeBatch.from_compiled(poses[fixed], compiled).boxes
-        is_unsupported = find_unsupported(poses[loose, :3], supports)
-        trees = forest.tree_roots()
-        tree_of = [trees[forest.root_of[ids[row]]] for row in loose.tolist()]
-        supported = {tree for tree, alone in zip(tree_of, is_unsupported.tolist(), strict=True) if not alone}
-        return loose[[tree not in supported for tree in tree_of]]
+        near = np.flatnonzero(self._may_be_below(loose, poses)).tolist()
+        fixed = [row for row in near if ids[row] not in non_colliding and not self.is_loose(ids[row])]
+        shapes = [compile_geometry(self.collision_shapes(ids[row])[0]) for row in fixed]
+        supports = CollisionShapeBatch.from_compiled(poses[fixed], shapes).boxes
+        rests = find_resting(self._mass_centers(names, tree, poses[loose]), supports)[tree]
+        left, resting = loose[~rests], {id for id, done in zip(names, rests.tolist(), strict=True) if done}
+        if not len(left):
+            return left, left
+        rows, columns = self._columns(left, poses, resting)
+        names = [ids[row] for row in rows.tolist()]
+        tree = self._tree_numbers(names)
+        is_held = np.array([id in resting or not self.is_loose(id) for id in names], dtype=bool)
+        supported = find_supported(columns, tree, ~is_held)
+        balanced = find_balanced(columns, tree, ~is_held, self._mass_centers(names, tree, poses[rows]))
+        asked = np.isin(rows, left)
+        return rows[asked & ~supported], rows[asked & supported & ~balanced]
 
+    def _columns(self, loose: Indices, poses: Array, resting: Collection[BodyId]) -> tuple[Indices, Columns]:
+        """What is below some loose bodies, and below the loose ones of that unless they are known to rest.
 
-def _ground_note(ids: Sequence[BodyId], height_m: float) -> SpawnNote:
-    text = f"nothing is below {len(ids):,} loose bodies: a ground is added at a height of {height_m:.3f} m"
-    return SpawnNote(SpawnNoteKind.GROUND, tuple(ids), text)
+        Returns the rows of all of these bodies; the columns number the bodies by their places in these rows.
+        """
+        ids, non_colliding = self.registry.ids, self.collision_filter.non_colliding
+        excluded = self.collision_filter.excluded_pairs | self.given_excluded_pairs
+        seen = np.isin(np.arange(len(ids)), loose)
+        while True:
+            near = np.flatnonzero(seen | self._may_be_below(np.flatnonzero(seen), poses))
+            names = [ids[row] for row in near.tolist()]
+            number = {id: place for place, id in enumerate(names)}
+            shapes = [compile_geometry(() if id in non_colliding else self.collision_shapes(id)[0]) for id in names]
+            columns = find_columns(
+                CollisionShapeBatch.from_compiled(poses[near], shapes),
+                is_upper=seen[near],
+                tree=self._tree_numbers(names),
+                excluded=[(number[a], number[b]) for a, b in excluded if a in number and b in number],
+            )
+            lower = {ids[near[place]] for place in np.unique(columns.lower).tolist()} - set(resting)
+            found = {each for id in lower if self.is_loose(id) for each in self.connected_bodies(id)}
+            before = np.count_nonzero(seen)
+            seen[[row for row, id in enumerate(ids) if id in found]] = True
+            if np.count_nonzero(seen) == before:
+                return near, columns
+
+    def _may_be_below(self, rows: Indices, poses: Array) -> NDArray[np.bool_]:
+        """Whether each body may be in the column of one of some others; all may be if these are many."""
+        if len(rows) > _MAX_LOCAL_BODIES:
+            return np.ones(len(poses), dtype=bool)
+        radii = self.mass_properties.bounding_radii(self.registry.ids)
+        offsets = poses[None, :, :2] - poses[rows, None, :2]
+        reach = radii + radii[rows, None]
+        return np.asarray((np.einsum("lni,lni->ln", offsets, offsets) <= reach * reach).any(axis=0))
+
+    def _mass_centers(self, ids: Sequence[BodyId], tree: Indices, poses: Array) -> Array:
+        """The center of mass of each tree, k x 3 [m]."""
+        masses = np.array([self.mass_properties.mass(id, is_dynamic=True) for id in ids])
+        local = np.array([self.mass_properties.center_of_mass(id) for id in ids])
+        moments = masses[:, None] * (poses[:, :3] + quat_rotate(poses[:, 3:], local))
+        totals = np.bincount(tree, weights=masses)
+        sums = [np.bincount(tree, weights=column) for column in moments.T]
+        return np.asarray(np.stack(sums, axis=1) / np.maximum(totals, 1e-12)[:, None])
 
 
 _RESTING_TOLERANCE = 1e-3
 """A resting body is at most this far from where it was put [m, rad]."""
+_APART_M = 0.001
+"""Pairs that overlapped collide again once they were so far apart [m]."""
 _GROUND_TOLERANCE_M = 0.05
-"""The ground stays where it is while a body is this near to it [m]."""
+"""The ground stays where it is unless a fixed body that is added is lower by more [m]."""
+_IN_GROUND_M = 0.02
+"""A body that is lower than the ground by more does not collide with it: it would be thrown out [m]."""
 
 
 _MAX_LOCAL_BODIES = 8

@@ -69,6 +69,7 @@ class HandlingDetector:
         self._pulled: dict[BodyId, float] = {}
         """Bodies that a force holds, and since when [s]."""
         self._let_go: dict[BodyId, float] = {}
+        self._first_pull: dict[BodyId, float] = {}  # since when a body in the air does not fall
         """When the force on a body that was held by one ended last [s]."""
         self._holders: dict[BodyId, BodyId] = {}
         """The mover of each body that is attached or gripped."""
@@ -88,6 +89,7 @@ class HandlingDetector:
             holders.setdefault(id, mover)
         held = np.zeros(len(table.ids), dtype=bool)
         held[[table.row[id] for id in holders]] = True
+        self._let_go |= dict.fromkeys(self._holders.keys() - holders.keys(), sample.time_s)
         self._update_pulled(sample, held)
         self._holders = holders
         self._update_grasps(sample)
@@ -143,6 +145,8 @@ class HandlingDetector:
                     self._release(id, time_s + begin)
             elif self._contacts.support_counts[row] and not sample.is_moving[row]:
                 self._release(id, sample.rest_s(row, limits.still_m))
+        for id in [id for id in self._first_pull if id not in table.row or not flies[table.row[id]]]:
+            del self._first_pull[id]
         flying = np.flatnonzero(flies & (time_s - self._clock.since >= limits.held_min_s - _ROUNDING_S))
         for row in flying.tolist():
             id = table.ids[row]
@@ -151,7 +155,13 @@ class HandlingDetector:
                 continue
             times, heights = heights_since(sample, row, max(since, time_s - _FLIGHT_SPAN_S))
             acceleration = vertical_acceleration(times, heights, limits.window_s)
-            if acceleration is not None and acceleration > -limits.fall_min_acceleration_m_s2:
+            if acceleration is None:
+                continue
+            if acceleration <= -limits.fall_min_acceleration_m_s2:
+                self._first_pull.pop(id, None)
+                continue
+            # A bounce between two samples looks the same, as long as the window includes it.
+            if time_s - self._first_pull.setdefault(id, time_s) > limits.window_s + _ROUNDING_S:
                 last = self._contacts.last_support.get(id)
                 if last is not None and 0.0 <= since - last[1] <= limits.min_duration_s:
                     since = max(last[1], self._let_go.get(id, -np.inf))

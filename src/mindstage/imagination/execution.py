@@ -54,7 +54,15 @@ from mindstage.robots.robot import Robot
 from mindstage.robots.skill_declaration import ParameterType, SkillOutcome, SkillResult, SkillStep
 from mindstage.scene import BodyId, Iri, Pose, Vector, as_pose
 from mindstage.scene.edits import Attach, Detach, Edit, SetPhysics, SetPoses
-from mindstage.scene.transforms import Array, normalize, pose_from_array, quat_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    pose_from_array,
+    pose_inverse,
+    pose_multiply,
+    quat_multiply,
+    quat_rotate,
+)
 from mindstage.simulation import Simulation
 from mindstage.simulation.joint_motion import find_joint
 from mindstage.simulation.placement import PlacementResult
@@ -459,8 +467,13 @@ class _Sample:
         return {} if merged is None else {id: merged}
 
     def _set_pose(self, id: BodyId, pose: Pose) -> None:
-        self._edit(SetPoses({id: self._noisy(id, pose)}))
-        self.watch.set_reference([id])
+        """Sets the pose of a thing, at rest, with those of what stands on it."""
+        poses = {id: self._noisy(id, pose)}
+        new_from_old = pose_multiply(_array(poses[id]), pose_inverse(self._pose(id)))
+        for load in self.watch.loads_of(id):
+            poses[load] = pose_from_array(pose_multiply(new_from_old, self._pose(load)))
+        self._edit(SetPoses(poses, {} if self.watch.is_prescribed(id) else None))  # {}: it is there at once
+        self.watch.set_reference(poses)
 
     def _push(self, step: Push) -> _SimulatedTime:
         id = self._body(step.thing)

@@ -55,7 +55,7 @@ class Place(_Step, frozen=True, kw_only=True, tag="place"):
 
 
 class Move(_Step, frozen=True, kw_only=True, tag="move"):
-    """Sets the pose of a thing, at rest; what is attached to it moves along."""
+    """Sets the pose of a thing, at rest; what is attached to it, and what stands on it or in it, moves along."""
 
     thing: str
     to: Pose | list[float] | None = None

@@ -32,6 +32,8 @@ class EventKind(StrEnum):
     """A door, drawer or pulled thing did not arrive."""
     LEFT = "left"
     """A thing left the place."""
+    FAST = "fast"
+    """A thing hit something so fast that it may have passed through it: what follows may be wrong."""
     LATE = "late"
     """A step or the plan did not end before its deadline."""
     REFUSED = "refused"

@@ -570,7 +570,7 @@ def what_if(
     whole = trials[_WHOLE]
     for key in kinds:
         having = tuple(_has_row(each, key) for each in whole.trials)
-        of_row = Trials(having, whole.seed, whole.is_uncertain, whole.left_out)
+        of_row = Trials(having, whole.seed, whole.is_uncertain, whole.left_out, whole.notes)
         if is_probable(of_row, min_probability):
             first = next(each.facts["rows"][key] for each in ended if key in each.facts["rows"])
             yield WhatIfRow(

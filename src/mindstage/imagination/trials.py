@@ -216,7 +216,7 @@ class Trials:
     left_out: int = 0
     """The number of samples for which no time was left."""
     notes: tuple[str, ...] = ()
-    """The uncertainty that is stated in the maps, one sentence each."""
+    """The uncertainty that is stated in the maps, and what the engine assumes, one sentence each."""
 
     @property
     def tried(self) -> int:
@@ -309,7 +309,8 @@ def run_trials(
         done += 1
         if time.monotonic() > deadline:
             break
-    return {id: Trials(tuple(each), seed or 0, uncertain, count - done, stated.notes) for id, each in found.items()}
+    notes = (*stated.notes, *scene.image.assumptions)
+    return {id: Trials(tuple(each), seed or 0, uncertain, count - done, notes) for id, each in found.items()}
 
 
 def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty, ...]:

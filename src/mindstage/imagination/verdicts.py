@@ -401,13 +401,15 @@ def _verdict(
     counts = Counter(result.outcome for result in results)
     succeeded, failed = counts[Outcome.SUCCEEDED], counts[Outcome.FAILED]
     known = succeeded + failed
-    rests_on = [*image.notes, *assumptions]
+    rests_on = [*image.notes, *image.assumptions, *assumptions]
     if is_uncertain(plan):
         interval = _interval(counts)
     else:
         interval = (float(succeeded), float(succeeded)) if known else (0.0, 1.0)
         rests_on.append("no uncertainty is stated: everything is exactly as in the world, and one sample suffices")
     rests_on += _skill_assumptions(results)
+    fast = Counter(event.thing for result in results for event in result.events if event.kind is EventKind.FAST)
+    rests_on += [f"in {counted(n, 'sample')} {thing} may have passed through something" for thing, n in fast.items()]
     outcome = Outcome.UNKNOWN
     if results and interval[0] >= threshold:
         outcome = Outcome.SUCCEEDED

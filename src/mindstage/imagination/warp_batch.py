@@ -217,10 +217,9 @@ class WarpBatch:
         """Sets the state of one world from that of the same model, whose poses are current."""
         data = source.data
         self._qpos[world], self._qvel[world] = data.qpos, data.qvel
-        self._mocap_pos[world], self._mocap_quat[world] = data.mocap_pos, data.mocap_quat
         self._positions[world], self._quaternions[world] = data.xpos, data.xquat
         self._centers[world] = data.xipos
-        self._changed_arrays |= {"qpos", "qvel", "mocap_pos", "mocap_quat"}
+        self._changed_arrays |= {"qpos", "qvel"}
 
     def set_model(self, world: int, model: Any) -> None:
         """Sets what is varied in one world from a MuJoCo model."""
@@ -266,13 +265,7 @@ class WarpBatch:
 
     def state(self, world: int, *, time_s: float) -> CompiledState:
         """The state of a world, at a time of which the caller keeps account [s]."""
-        return CompiledState(
-            self._qpos[world].astype(float),
-            self._qvel[world].astype(float),
-            self._mocap_pos[world].astype(float),
-            self._mocap_quat[world].astype(float),
-            time_s,
-        )
+        return CompiledState(self._qpos[world].astype(float), self._qvel[world].astype(float), time_s)
 
     def poses(self, world: int) -> Array:
         """The poses of all bodies in a world, n x 7, in the order of the rows of the compiled model."""
@@ -363,8 +356,6 @@ class WarpBatch:
         host = {
             "qpos": self._qpos,
             "qvel": self._qvel,
-            "mocap_pos": self._mocap_pos,
-            "mocap_quat": self._mocap_quat,
             "qacc_warmstart": self._warmstart,
             "xfrc_applied": self._forces,
         }
@@ -379,7 +370,6 @@ class WarpBatch:
         """Reads the state of all worlds from the device."""
         data = self._data
         self._qpos, self._qvel = np.array(data.qpos.numpy()), np.array(data.qvel.numpy())
-        self._mocap_pos, self._mocap_quat = np.array(data.mocap_pos.numpy()), np.array(data.mocap_quat.numpy())
         self._warmstart = np.array(data.qacc_warmstart.numpy())
         self._positions, self._quaternions = np.array(data.xpos.numpy()), np.array(data.xquat.numpy())
         self._centers = np.array(data.xipos.numpy())

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.engines.base import Applied, Capability, Contact, DynamicsScale, Engine, PoseArray, SavedState
+from mindstage.engines.base import Applied, Capability, Contact, DynamicsScale, Engine, PoseArray, SavedState, SpawnNote
 from mindstage.engines.mujoco import CompiledState, MujocoEngine, whole_steps
 from mindstage.errors import EngineError, ImaginationError, PlanError, SimulationDivergedError, WorldError
 from mindstage.imagination.execution import PlanRunner, RunningSample, SampleStoppedError, never, resume
@@ -96,7 +96,10 @@ class WarpExecutor:
     @property
     def notes(self) -> tuple[str, ...]:
         """See `Executor`."""
-        text = f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision and no sleep"
+        text = (
+            f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, and "
+            "no divided time steps for fast bodies"
+        )
         return (f"{text}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
 
     @property
@@ -375,6 +378,9 @@ class _WorldEngine:
         self.scales: dict[BodyId, DynamicsScale] = {}
         self.physics: tuple[SetPhysics, ...] = ()
         """The changes of physical properties, in their order."""
+
+    notes: tuple[SpawnNote, ...] = ()
+    """See `Engine`: none, since nothing is checked while time passes."""
 
     def as_engine(self) -> Engine:
         """This object, as those see it who need a part of an engine only."""

@@ -18,10 +18,10 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.engines.base import Capability, Contact, PoseArray
+from mindstage.engines.base import Capability, Contact, PoseArray, SpawnNote, SpawnNoteKind
 from mindstage.engines.environment_bounds import EnvironmentBounds
 from mindstage.imagination.results import EventKind, ImaginedEvent
-from mindstage.scene import BodyId, World
+from mindstage.scene import BodyId, Mobility, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
@@ -39,6 +39,7 @@ TIP_RAD = pi / 4
 CONTACT_FORCE_N = 0.5
 """A lighter contact is no collision [N]."""
 _TIP_COSINE = cos(TIP_RAD)
+_SUPPORTS = (SpatialRelation.ON, SpatialRelation.INSIDE)
 MOVED_M = 0.01
 """A body that is farther from its first pose is reported with its end pose [m]."""
 
@@ -96,6 +97,7 @@ class EventWatch:
         self._touching: frozenset[tuple[BodyId, BodyId | None]] = frozenset()
         self._mover: frozenset[BodyId] = frozenset()
         self._is_baseline_due = False
+        self._known_notes = len(self._notes())
         self.events: list[ImaginedEvent] = []
         """All events so far, in the order of time."""
         self.step: int | None = None
@@ -131,6 +133,13 @@ class EventWatch:
                 self._add(EventKind.LEFT, layout.ids[rows[row]], f"{layout.ids[rows[row]]} left the place")
         if self._mover:
             self._detect_collisions()
+        for note in self._notes()[self._known_notes :]:
+            self._known_notes += 1
+            if note.kind is SpawnNoteKind.FAST:
+                self._add(EventKind.FAST, BodyId(note.ids[0]), note.text)
+
+    def _notes(self) -> tuple[SpawnNote, ...]:
+        return self._simulation.engine.run(lambda engine: engine.notes)
 
     def begin_motion(self, thing: BodyId) -> None:
         """From now on a new contact of the thing, and of what is attached to it, is a collision.
@@ -238,28 +247,45 @@ class EventWatch:
         row = self._layout.group[self._layout.row_of[id]]
         return bool(np.isin(row, self._layout.free_rows))
 
+    def is_prescribed(self, id: BodyId) -> bool:
+        """Whether a body is kinematic, and on no joint."""
+        if id not in self._layout.row_of or self._world.body(id).physics.mobility is not Mobility.KINEMATIC:
+            return False
+        return all(joint.child != id for joint in self._world.joints)
+
+    def loads_of(self, id: BodyId) -> tuple[BodyId, ...]:
+        """The loose bodies that stand on a body or in it, or on one of these."""
+        if self._simulation.state.ids != self._layout.ids:
+            self._follow_bodies(self._simulation.state.poses)
+        group = self.group_of(id)
+        supports = sorted(group & self._layout.row_of.keys())
+        for support in supports:  # those found are appended, and read in turn
+            relations = self._relations_near(support, self._simulation.state.poses)
+            for pair in relations.related(others=[support], relations=_SUPPORTS):
+                if pair.body.id not in supports and self._is_free(pair.body.id):
+                    supports.append(pair.body.id)
+        return tuple(each for each in supports if each not in group)
+
     def _support_of(self, id: BodyId) -> BodyId | None:
         """What a body was on or in at its reference pose, the smallest container first."""
-        layout = self._layout
-        reference, bodies = self._reference[layout.row_of[id]], {body.id: body for body in self._world.bodies}
-        half_sizes = np.array([np.linalg.norm(bodies[other].size or (0.0,)) / 2 for other in layout.ids])
-        reach = half_sizes + half_sizes[layout.row_of[id]] + 0.05
-        close = np.linalg.norm(self._reference[:, :3] - reference[:3], axis=1) <= reach
-        near = [
-            replace(bodies[layout.ids[row]], pose=pose_from_array(self._reference[row]))
-            for row in np.flatnonzero(close).tolist()
-            if layout.ids[row] not in self._enclosing
-        ]
-        world = replace(self._world, bodies=tuple(near), joints=(), attachments=(), lights=())
-        relations = SpatialRelations(world)
         group = self.group_of(id)
-        found = [
-            pair
-            for pair in relations.related(subjects=[id], relations=(SpatialRelation.ON, SpatialRelation.INSIDE))
-            if pair.other.id not in group
-        ]
+        pairs = self._relations_near(id, self._reference).related(subjects=[id], relations=_SUPPORTS)
+        found = [pair for pair in pairs if pair.other.id not in group]
         found.sort(key=lambda pair: (pair.relation is not SpatialRelation.ON, -pair.overlap, pair.other.id))
         return found[0].other.id if found else None
+
+    def _relations_near(self, id: BodyId, poses: PoseArray) -> SpatialRelations:
+        """The relations between a body and those near it."""
+        layout, bodies = self._layout, {body.id: body for body in self._world.bodies}
+        row = layout.row_of[id]
+        half_sizes = np.array([np.linalg.norm(bodies[other].size or (0.0,)) / 2 for other in layout.ids])
+        close = np.linalg.norm(poses[:, :3] - poses[row, :3], axis=1) <= half_sizes + half_sizes[row] + 0.05
+        near = [
+            replace(bodies[layout.ids[each]], pose=pose_from_array(poses[each]))
+            for each in np.flatnonzero(close).tolist()
+            if layout.ids[each] not in self._enclosing
+        ]
+        return SpatialRelations(replace(self._world, bodies=tuple(near), joints=(), attachments=(), lights=()))
 
     def _contacts(self) -> list[tuple[BodyId, BodyId | None, float]]:
         if not self._reports_contacts:

@@ -889,12 +889,14 @@ class KnowledgeBase:
         self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
     ) -> World:
         """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
+        from mindstage.knowledge.portable_bodies import with_portable_bodies
         from mindstage.maps.dialects.detection import read_world  # many questions need no world
 
         with gc_paused():
             source_map = self._source_map(map)
             report, assume = report or source_map.report, assume or source_map.add_assumption
-            return read_world(replace(source_map, report=report, add_assumption=assume))
+            source_map = replace(source_map, report=report, add_assumption=assume)
+            return with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
 
     def _cached_world(self, map: Iri) -> World:
         """The world of a map from the cache, or else read and written there."""

@@ -493,7 +493,7 @@ class Reasoner:
         """
         self._inferred = InferredTriples(store)
         self._store = self._inferred.asserted()
-        self._asserted = partial(quads_with_property, store)
+        self._asserted = partial(quads_with_property, self._store)
         self.axioms = axioms or ClassAxioms(self._asserted)
         self.individuals = individuals or IndividualIndex(self._asserted)
         self._sorted_members: dict[Iri, Sequence[Iri]] = {}

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         QuaternionOrder,
         SizeFrame,
         UnitConventions,
+        UnstatedMobility,
     )
     from mindstage.maps.dialects.map_statistics import MapStatistics
     from mindstage.maps.io.files import bundled_kitchen, bundled_ontology
@@ -33,6 +34,7 @@ __all__ = [
     "SizeFrame",
     "SourceMapView",
     "UnitConventions",
+    "UnstatedMobility",
     "bundled_kitchen",
     "bundled_ontology",
     "lost_statements",
@@ -51,6 +53,7 @@ _MODULES = {
     "SizeFrame": "mindstage.maps.dialects.conventions",
     "SourceMapView": "mindstage.maps.io.graph_diff",
     "UnitConventions": "mindstage.maps.dialects.conventions",
+    "UnstatedMobility": "mindstage.maps.dialects.conventions",
     "bundled_kitchen": "mindstage.maps.io.files",
     "bundled_ontology": "mindstage.maps.io.files",
     "lost_statements": "mindstage.maps.io.graph_diff",

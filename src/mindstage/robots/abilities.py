@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 from mindstage.errors import KnowledgeError, RobotNotFoundError, suggestion
 from mindstage.knowledge.claims import Claim, ClaimKind
@@ -255,19 +255,13 @@ class _Rules:
 # -- robots ------------------------------------------------------------------------------------------------------------
 
 
-@runtime_checkable
-class _HasRobots(Protocol):
-    @property
-    def robots(self) -> Mapping[str, object]: ...
-
-
 def _profiles(kb: QuestionContext, present: StateAccess, name: str | None) -> Iterator[RobotProfile]:
     """The robots of a question: of that name, or all that are running or described.
 
     Raises:
         RobotNotFoundError: there is none of that name.
     """
-    running = present.simulation.robots if isinstance(present.simulation, _HasRobots) else {}
+    running = getattr(present.simulation, "robots", {})
     models = {
         id: model for id, robot in running.items() if isinstance(model := getattr(robot, "model", None), RobotModel)
     }

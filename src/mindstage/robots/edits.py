@@ -24,6 +24,7 @@ from mindstage.robots.world import RobotWorld, robot_world
 from mindstage.scene import IDENTITY, BodyGeometry, BodyId, PoseLike, World
 from mindstage.scene.edits import Delete, Edit, GeometryEdit, Spawn
 from mindstage.scene.geometry import Inertia
+from mindstage.simulation.replacing import edit_timeout_s
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import SessionEdit
 
@@ -259,9 +260,8 @@ def add_robot(
         base_joint_id=placed.base_joint_id,
         zero=placed.zero,
     )
-    count_of_parts = len(placed.world.bodies) + len(placed.world.joints)
     try:
-        session.edits.apply(edit, timeout_s=3 * session.timeout_s + 0.02 * count_of_parts)
+        session.edits.apply(edit, timeout_s=edit_timeout_s(edit, 3 * session.timeout_s))
     except SpawnRefusedError as error:
         raise RobotModelError(
             model.source or model.name,

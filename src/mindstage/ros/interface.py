@@ -192,7 +192,7 @@ class RosInterface:
             node, "/mindstage/diagnostics", diagnostic_msgs.DiagnosticArray, ros=ros
         )
         self._diagnostics = diagnostics = DiagnosticsPublisher(self._diagnostics_publisher, simulation)
-        self._remove_late_end = simulation.engine.engine.on_late_end(diagnostics.report_late_end)
+        self._remove_late_end = simulation.engine.on_late_end(diagnostics.report_late_end)
         self._remove_refusal_listener: Callable[[], None] = lambda: None
         if isinstance(node, RosbridgeClient):
             self._remove_refusal_listener = node.add_refusal_listener(diagnostics.report_server_refusal)

@@ -7,7 +7,8 @@ the services were created. Where two texts of the package contradict each other,
   `Result` (`RESULT_INCORRECT_STATE`).
 - Pausing a stopped simulation: `SimulationState` (it starts paused), not the example of `INCORRECT_TRANSITION`.
 - `SCOPE_STATE` includes `SCOPE_TIME`: the saved state of an engine holds its clock.
-- A world that cannot be read does not replace the current one, although `LoadWorld` unloads that first.
+- A world that cannot be read, or is refused for its assets or elements, does not replace the current one, although
+  `LoadWorld` unloads that first.
 - `SimulateSteps` sends feedback after each step up to 1000 steps, of a longer goal every 0.4 s.
 """
 
@@ -22,6 +23,7 @@ from msgspec.structs import replace
 
 from mindstage.access.limits import FEEDBACK_STEPS, STEP_DURATION, STEPS_TIME
 from mindstage.access.policies import EDIT, FILE, GOAL, READ, RUN
+from mindstage.engines.base import Capability
 from mindstage.errors import KnowledgeError, MindstageError, SimulationTimeoutError
 from mindstage.msgs import simulation_interfaces as wire
 from mindstage.rdf.graphs import local_name
@@ -87,7 +89,10 @@ class WorldServices:
         yield ServiceSpec(wire.GetAvailableWorlds, self.get_available_worlds, FILE)
 
     def load_world(self, request: wire.LoadWorld.Request) -> wire.LoadWorld.Response:
-        """Loads a world, which replaces the current one and everything that was spawned; it is stopped then."""
+        """Loads a world, which replaces the current one and everything that was spawned; it is stopped then.
+
+        If it is refused, the former world is restored, paused; if the engine cannot save its state, nothing is left.
+        """
         resource = request.world_resource
         try:
             world = self._resources.load_world(resource.uri, resource.resource_string)
@@ -104,7 +109,10 @@ class WorldServices:
         elif request.fail_on_unsupported_element and not report.ok:
             problem = AssetProblem(found=True, text="some elements cannot be spawned; the diagnostics list them")
         if problem is not None:
-            self._simulation.clear()
+            if Capability.SAVE in self._simulation.engine.capabilities:
+                self._simulation.edits.undo()
+            else:
+                self._simulation.clear()
             raise ResultError(code, problem.text)
         self._simulation.mark_start()
         self._control.mark_stopped()

@@ -401,13 +401,14 @@ class CollisionShapeBatch:
                 hulls[start + row] = (corners @ rotation + boxes.center[start + row], directions @ rotation)
         return cls(boxes, types, first, hulls)
 
-    def penetration_depths(self, a: Indices, b: Indices, fallback: Array) -> Array:
-        """Penetration depth of each pair of bodies: that of their deepest pair of shapes [m].
+    def penetration_depths(self, a: Indices, b: Indices, fallback: Array, *, margin_m: float = 0.0) -> Array:
+        """Penetration depth of each pair of bodies: that of their deepest pair of shapes, negative for a gap [m].
 
         Args:
             a: indices of the first bodies.
             b: indices of the second bodies.
             fallback: depths for pairs with too many shapes to compare.
+            margin_m: gaps between bounds up to which shapes are compared [m]; farther ones are infinitely far apart.
         """
         count_a, count_b = (self.first_shape[each + 1] - self.first_shape[each] for each in (a, b))
         products = count_a * count_b
@@ -420,7 +421,7 @@ class CollisionShapeBatch:
         step = np.arange(len(pair)) - np.repeat(np.cumsum(products[rows]) - products[rows], products[rows])
         i, j = self.first_shape[a[pair]] + step // count_b[pair], self.first_shape[b[pair]] + step % count_b[pair]
         low, high = self.boxes.bounds()
-        is_near = np.all((low[i] <= high[j]) & (low[j] <= high[i]), axis=1)
+        is_near = np.all((low[i] <= high[j] + margin_m) & (low[j] <= high[i] + margin_m), axis=1)
         pair, i, j = pair[is_near], i[is_near], j[is_near]
         for start in range(0, len(pair), _CHUNK_SIZE):
             chunk = slice(start, start + _CHUNK_SIZE)

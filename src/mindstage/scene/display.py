@@ -8,7 +8,7 @@ __all__ = ["counted", "html_table", "short_name"]
 
 _MOST_ROWS = 100
 """Number of rows after which a table in a notebook is truncated."""
-_IRREGULAR = {"body": "bodies"}
+_IRREGULAR = {"body": "bodies", "loose body": "loose bodies"}
 
 
 def counted(number: int, noun: str) -> str:

@@ -186,7 +186,7 @@ class Spawn(GeometryEdit, frozen=True):
     immovable: frozenset[BodyId] = frozenset()
     """Dynamic bodies that are simulated as static ones, such as walls, until their physics is set."""
     ground: bool = False
-    """Whether a ground plane is added where there is nothing below loose bodies."""
+    """Whether a ground is assumed where there is nothing below loose bodies."""
     settle: bool = True
     """Whether loose bodies are moved out of what they overlap; otherwise such pairs do not collide."""
     excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
@@ -229,6 +229,8 @@ class Delete(Edit, frozen=True):
 
 class SetPoses(Edit, frozen=True):
     """Moves bodies, at rest, in this order; what is attached to one of them moves along.
+
+    An engine may give a kinematic body, whose poses are set one after the other, the velocity of that motion.
 
     Raises `BodyNotFoundError` for an unknown body, and `PoseUnreachableError` if a joint does not allow a pose, or it
     is not finite; nothing is moved then.

@@ -25,6 +25,7 @@ contains the whole kitchen. They take part in no relation, and neither do bodies
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Container, Iterator
 from enum import StrEnum
 from math import isfinite
@@ -50,6 +51,7 @@ from mindstage.scene.world_model import Body, BodyId, World
 __all__ = [
     "ENCLOSURE_MIN_CONTENTS",
     "ENCLOSURE_MIN_SIZE_M",
+    "SCENERY_MIN_SIZE_M",
     "RelatedPair",
     "SpatialRelation",
     "SpatialRelations",
@@ -59,6 +61,8 @@ __all__ = [
 
 ENCLOSURE_MIN_SIZE_M = (1.0, 2.0, 2.0)
 """Smallest sorted extents of an enclosing body: a person fits in it."""
+SCENERY_MIN_SIZE_M = 30.0
+"""Larger bodies are scenery, such as a panorama, and do not belong to the place [m]."""
 ENCLOSURE_MIN_CONTENTS = 3
 """Smallest number of furniture groups in an enclosing body that no joint connects to it."""
 
@@ -74,6 +78,9 @@ def find_enclosing_bodies(
 ) -> dict[int, int]:
     """Returns the rows of enclosing bodies, and the number of furniture groups in each.
 
+    Scenery that is larger than `SCENERY_MIN_SIZE_M` in all directions, such as a sky sphere, encloses whatever is in
+    it, and its number is that of the bodies.
+
     Args:
         boxes: the boxes of all bodies.
         containing_pairs: rows (outer, inner) of bodies of different rigid groups, of which one contains the other.
@@ -85,10 +92,11 @@ def find_enclosing_bodies(
     large = np.all(np.sort(2 * boxes.half_extents, axis=1) >= ENCLOSURE_MIN_SIZE_M, axis=1) & ~is_dynamic
     outer, inner = containing_pairs
     furniture = large[outer] & ~is_free[inner]
+    is_scenery = (2 * boxes.half_extents).min(axis=1) > SCENERY_MIN_SIZE_M
+    found = dict(Counter(outer[is_scenery[outer] & large[outer]].tolist()))
     held: dict[int, set[int]] = {}
     for o, i in zip(outer[furniture].tolist(), group[inner[furniture]].tolist(), strict=True):
         held.setdefault(o, set()).add(i)
-    found = {}
     for o, inside in sorted(held.items()):
         own = int(group[o])
         if (

@@ -1,7 +1,15 @@
 """Simulation of the worlds of a knowledge base in a physics engine, with highlights, placement and undo."""
 
 from mindstage.engines.base import EngineStats, SpawnNoteKind
-from mindstage.simulation.highlights import HighlightGroup, HighlightResult, Marker, MarkerType, UnhighlightedItem
+from mindstage.simulation.engine_thread import EngineAccess
+from mindstage.simulation.highlights import (
+    HighlightGroup,
+    HighlightResult,
+    Marker,
+    MarkerStore,
+    MarkerType,
+    UnhighlightedItem,
+)
 from mindstage.simulation.image import SimulationImage
 from mindstage.simulation.imagined import ForkOrigin
 from mindstage.simulation.interaction import JointAxisState, JointHandle, SpawnRecord
@@ -15,6 +23,7 @@ __all__ = [
     "ClientDirectory",
     "ConnectedClient",
     "Edits",
+    "EngineAccess",
     "EngineStats",
     "ForkOrigin",
     "HighlightGroup",
@@ -23,6 +32,7 @@ __all__ = [
     "JointHandle",
     "JointMotion",
     "Marker",
+    "MarkerStore",
     "MarkerType",
     "Simulation",
     "SimulationBody",

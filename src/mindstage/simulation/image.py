@@ -6,6 +6,7 @@ import pickle
 from typing import Any
 from uuid import uuid4
 
+from mindstage.engines.base import AssumingEngine
 from mindstage.errors import ImaginationError
 from mindstage.simulation.simulation import Simulation
 
@@ -38,6 +39,13 @@ class SimulationImage:
         """What the image does not have in common with the original, one sentence each."""
         origin = self._unpacked().origin
         return (*self._earlier_notes, *(origin.notes if origin is not None else ()))
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """What its engine assumes, one sentence each."""
+        return self._unpacked().engine.run(
+            lambda engine: engine.assumptions if isinstance(engine, AssumingEngine) else ()
+        )
 
     def restore(self, *, threaded: bool = False) -> Simulation:
         """Makes a simulation in exactly this state; the caller closes it.

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 from weakref import WeakValueDictionary
 
 from mindstage.engines.base import SavedState
+from mindstage.engines.edits import RestoreBodies
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyGeometry
 from mindstage.scene.edits import Edit, Spawn
 
-__all__ = ["KeptWorld", "ReplaceWorld"]
+__all__ = ["KeptWorld", "ReplaceWorld", "additions", "edit_timeout_s", "primitives"]
 
 
 class KeptWorld:
@@ -82,3 +83,29 @@ class ReplaceWorld(Edit, frozen=True):
     def label(self) -> str:
         """See `Edit`."""
         return self.title or "world replaced"
+
+
+_ADDITION_S = 0.05
+"""By how much the timeout of an edit is longer for each body and joint that it adds [s]."""
+
+
+def primitives(edit: Edit) -> Iterator[Edit]:
+    """The edits that engines make for an edit."""
+    if parts := edit.parts():
+        for each in parts:
+            yield from primitives(each)
+    else:
+        yield edit
+
+
+def additions(edit: Edit) -> tuple[Spawn | RestoreBodies, ...]:
+    """The parts of an edit that add bodies."""
+    if isinstance(edit, ReplaceWorld):
+        return () if edit.world.spawn is None else (edit.world.spawn,)
+    return tuple(each for each in primitives(edit) if isinstance(each, Spawn | RestoreBodies))
+
+
+def edit_timeout_s(edit: Edit, timeout_s: float) -> float:
+    """The timeout of an edit [s], from that of an edit that adds nothing."""
+    count = sum(len(each.world.bodies) + len(each.world.joints) for each in additions(edit))
+    return timeout_s + _ADDITION_S * count

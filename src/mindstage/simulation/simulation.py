@@ -11,7 +11,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -84,7 +84,7 @@ from mindstage.simulation.observation import (
     current_client,
 )
 from mindstage.simulation.placement import PlacementResult, make_body, place_item
-from mindstage.simulation.replacing import KeptWorld, ReplaceWorld
+from mindstage.simulation.replacing import KeptWorld, ReplaceWorld, additions, edit_timeout_s, primitives
 from mindstage.simulation.state import SessionEdit, SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import Edits, StartState
 
@@ -110,8 +110,6 @@ _PICKLED_FIELDS = (
     "_controllers",
     "robots",
 )
-_SPAWN_S = 0.02
-"""By how much the timeout of a spawn is longer for each body and joint [s]."""
 _TICK_S = 1 / 60
 """Interval at which a playing simulation is stepped and published [s]."""
 _STEP_CHUNK_S = 0.1
@@ -125,15 +123,6 @@ _MIN_PART_S = 0.002
 """Shortest step of such engines [s]."""
 _PAUSE_WAIT_S = 0.15
 """How long `pause` waits for the tick that is running [s]."""
-
-
-def _primitives(edit: Edit) -> Iterator[Edit]:
-    """The edits that engines make for an edit."""
-    if parts := edit.parts():
-        for each in parts:
-            yield from _primitives(each)
-    else:
-        yield edit
 
 
 class Simulation:
@@ -267,12 +256,12 @@ class Simulation:
             world: a world, or the name or IRI of a map; by default the only map.
             geometry: the geometry of its bodies, instead of fitting it.
             persistent: whether `reset` restores it; otherwise `reset` removes it.
-            ground: whether a ground plane is added where nothing is below loose bodies.
+            ground: whether a ground is assumed where nothing is below loose bodies.
             check_rest: whether the report names the bodies that move away in the first two simulated seconds, which
                 are simulated for that and undone; see `check_rest`. Worlds of remote engines are not checked.
             title: the name of the edit in the undo history; without one it cannot be undone. With one, nothing is
                 spawned if a part of it cannot be.
-            timeout_s: timeout of the engine call [s]; by default that of the simulation plus 20 ms for each body and
+            timeout_s: timeout of the engine call [s]; by default that of the simulation plus 50 ms for each body and
                 joint.
 
         Returns:
@@ -337,12 +326,11 @@ class Simulation:
         source = self.knowledge if knowledge is None else knowledge
         description = world if isinstance(world, World) else source.world(world)
         contents = self._no_worlds(source)
-        timeout_s = self.timeout_s + _SPAWN_S * (len(description.bodies) + len(description.joints))
         label = title or f"{description.name or short_name(description.iri)} loaded"
 
         def make(spawn: Spawn) -> Applied:
             edit = ReplaceWorld(KeptWorld(self, contents, spawn=spawn), title=label)
-            return self.edits.apply(edit, timeout_s=timeout_s)
+            return self.edits.apply(edit)
 
         report = self._spawn(description, make, contents["_geometry_provider"], ground=True)
         return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
@@ -407,23 +395,20 @@ class Simulation:
             edit: the edit.
             engine: what a function has got that runs in the engine thread; None in any other thread.
             leads_to: the state to which the edit leads, if the engine has saved that: it is restored instead.
-            timeout_s: by default that of the simulation, plus 20 ms for each body and joint that is spawned [s].
+            timeout_s: by default that of the simulation, plus 50 ms for each body and joint that is spawned [s].
 
         Raises:
             WorldError: the world does not allow it, as stated at the class of the edit; nothing changes then.
         """
         if engine is None:
-            added = [each for each in _primitives(edit) if isinstance(each, Spawn | RestoreBodies)]
-            for addition in added:
+            for addition in additions(edit):
                 self._geometry_provider.require_granted(addition.world)
-            spawned = [each for each in added if isinstance(each, Spawn)]
-            count = sum(len(each.world.bodies) + len(each.world.joints) for each in spawned)
             return self._run(
                 lambda engine: self.apply(edit, engine=engine),
                 label=edit.kind,
-                timeout_s=self.timeout_s + _SPAWN_S * count if timeout_s is None else timeout_s,
+                timeout_s=edit_timeout_s(edit, self.timeout_s) if timeout_s is None else timeout_s,
                 edits=not isinstance(edit, SetPoses),
-                saves_first=not any(each.persistent for each in spawned),
+                saves_first=not any(isinstance(each, Spawn) and each.persistent for each in primitives(edit)),
             )
         if isinstance(edit, ReplaceWorld):
             return self._replace(edit, engine)
@@ -438,7 +423,7 @@ class Simulation:
             else:
                 engine.restore_state(leads_to)
             self._highlights.reapply(engine)
-        for each in _primitives(edit):
+        for each in primitives(edit):
             self._keep(each, applied.report)
         if isinstance(edit, SessionEdit):
             known = set(self.robots)

@@ -39,7 +39,7 @@ from mindstage.scene.edits import (
     counted_ids,
 )
 from mindstage.simulation.body_groups import find_dependents
-from mindstage.simulation.replacing import KeptWorld, ReplaceWorld
+from mindstage.simulation.replacing import KeptWorld, ReplaceWorld, edit_timeout_s
 from mindstage.simulation.state import EngineSession
 
 __all__ = ["Edits", "StartState", "UndoHistory"]
@@ -119,7 +119,7 @@ class Edits:
             edit: the edit.
             continues_last: whether to merge with the last step of the same label, as during a drag, so that both are
                 undone together.
-            timeout_s: by default that of the simulation [s].
+            timeout_s: by default that of the simulation, plus 50 ms for each body and joint that is added [s].
         """
 
         def apply(engine: Engine) -> Applied:
@@ -134,7 +134,8 @@ class Edits:
             return applied
 
         label = f"edit: {edit.label}"
-        return self._simulation.engine.run(apply, label=label, timeout_s=timeout_s, edits=True)
+        limit_s = edit_timeout_s(edit, self._simulation.timeout_s) if timeout_s is None else timeout_s
+        return self._simulation.engine.run(apply, label=label, timeout_s=limit_s, edits=True)
 
     def move(self, id: BodyId, pose: PoseLike, *, continues_last: bool = False) -> None:
         """Sets the pose of a body, at rest; attached bodies move with it.

@@ -80,6 +80,14 @@ _NOTICED_SIZE = 0.015
 """Size at which a body is noticed, as a share of the picture's height: about 10 pixels."""
 
 
+def aspect_ratio(camera: viser.CameraHandle) -> float:
+    """Width by height of a client's view, from 0.2 to 5; 1 if it has no height, as in a window that is not shown."""
+    try:
+        return float(np.clip(camera.aspect, 0.2, 5.0))
+    except ZeroDivisionError:
+        return 1.0
+
+
 class GizmoMode(StrEnum):
     """What the gizmo at the selected body does."""
 
@@ -620,7 +628,7 @@ class ClientView:
 
     @property
     def _aspect(self) -> float:
-        return float(np.clip(self._client.camera.aspect, 0.2, 5.0))
+        return aspect_ratio(self._client.camera)
 
     def move_camera(self, camera_pose: CameraPose) -> None:
         """Animates the camera to a pose."""

@@ -24,7 +24,7 @@ from mindstage.scene.proximity import BodyBoxes, box_gaps
 from mindstage.scene.ray_casting import ShapeScene
 from mindstage.scene.transforms import Array, normalize, pose_array, quat_rotate, rotation_matrix
 from mindstage.simulation import Simulation, StateSnapshot
-from mindstage.viewer.client_views import ClientViews, Snapping
+from mindstage.viewer.client_views import ClientViews, Snapping, aspect_ratio
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
 
 __all__ = ["PickResult", "PointerPicker", "SessionViews", "ViewToolHandler"]
@@ -89,7 +89,7 @@ class SessionViews:
         camera = self.camera(session)
         half = float(np.tan(camera.fov / 2))
         # The axes of the camera are those of OpenCV: x to the right, y down, z forward.
-        direction = np.array([pointer[0] * half * camera.aspect, -pointer[1] * half, 1.0])
+        direction = np.array([pointer[0] * half * aspect_ratio(camera), -pointer[1] * half, 1.0])
         return np.asarray(camera.position, dtype=float), quat_rotate(normalize(camera.wxyz), normalize(direction))
 
 
@@ -319,7 +319,7 @@ class ViewToolHandler:
         local = (state.poses[:, :3] - np.asarray(camera.position)) @ turn
         half = float(np.tan(camera.fov / 2))
         depth = np.maximum(local[:, 2], 1e-6)
-        at = np.stack([local[:, 0] / (depth * half * camera.aspect), -local[:, 1] / (depth * half)], axis=1)
+        at = np.stack([local[:, 0] / (depth * half * aspect_ratio(camera)), -local[:, 1] / (depth * half)], axis=1)
         low, high = np.minimum(request.first, request.second), np.maximum(request.first, request.second)
         inside = (local[:, 2] > 0.0) & np.all((at >= low) & (at <= high), axis=1)
         if height is not None:
@@ -373,7 +373,7 @@ class ViewToolHandler:
             return
         middle = (points.min(axis=0) + points.max(axis=0)) / 2
         camera = self._session_views.camera(session)
-        aspect = float(np.clip(camera.aspect, 0.2, 5.0))
+        aspect = aspect_ratio(camera)
         eye = middle + np.array(_EYES[request.view])
         pose = focus_camera(points, _vector(eye), _vector(middle), aspect)
         for view in self._session_views.of(session):

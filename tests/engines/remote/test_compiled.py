@@ -59,7 +59,7 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
         assert isinstance(engine, CompiledRemoteEngine)
         (model,) = engine._sent_state.bodies.values()
         assert (model.mobility, model.mass_kg) == (Mobility.STATIC, 500.0)
-        assert engine._sent_state.ground_height_m is None
+        assert engine._sent_state.ground.height_m is None
         assert engine.snapshot().body("wall").physics.mobility is Mobility.DYNAMIC
 
     def test_excluded_pairs_do_not_collide(self, engine: RemoteEngine) -> None:
@@ -74,7 +74,7 @@ class TestCompiledRemoteEngine(PhysicsContract, ActuatorContract, GeometryContra
         """Unlike in the contract, the MuJoCo at the other end has a ground; only the sent model is tested."""
         engine.apply(Spawn(world(body("box", (3, 0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)), ground=True))
         assert isinstance(engine, CompiledRemoteEngine)
-        assert engine._sent_state.ground_height_m == pytest.approx(0.4)
+        assert engine._sent_state.ground.height_m == pytest.approx(0.4)
         assert [model.on_ground for model in engine._sent_state.bodies.values()] == [True]
 
 

@@ -94,6 +94,21 @@ def test_an_end_effector_is_a_gripper_whatever_its_fingers_are_called(tmp_path: 
     assert gripper.max_opening_m == pytest.approx(0.08, abs=0.01)
     assert gripper.max_force_n == 20.0
     assert gripper.grasp_pose.position[1] == pytest.approx(0.0, abs=1e-6)
+    # Only both states together replace what was found by the shapes.
+    states = {
+        name: f'<group_state name="{name}" group="tongs">'
+        f'<joint name="one_j" value="{value}"/><joint name="two_j" value="{value}"/></group_state>'
+        for name, value in (("open", 0.03), ("closed", 0.01))
+    }
+    for stated in (("open",), ("closed",), ("open", "closed")):
+        text = "".join(states[name] for name in stated)
+        written(tmp_path, f'<robot name="r">{groups}{tongs}{effector}{text}</robot>')
+        (other,) = load_model(tmp_path / "robot.urdf").grippers
+        found = (other.open_positions, other.closed_positions)
+        if len(stated) == 2:
+            assert found == ((0.03, 0.03), (0.01, 0.01))
+        else:
+            assert found == (gripper.open_positions, gripper.closed_positions)
 
 
 def test_groups_that_contain_each_other_end(tmp_path: Path) -> None:

@@ -85,6 +85,9 @@ def test_what_is_too_wide_has_no_grasp_by_friction_but_sides_to_fix_it_at(
     for each in fixed:
         tip = each.pose[:3] + axis(each, 0) * shape.tip
         assert np.abs(tip).max() == pytest.approx(0.155, abs=1e-6)  # 5 mm in front of a side
+    curved = shape._replace(tips=(0.045, 0.035, 0.025))  # closing fingers reach farther, as those of a linkage
+    for each in weld_grasps_of(box((0.3, 0.3, 0.3)), None, UPRIGHT, curved):
+        assert np.abs(each.pose[:3]).max() == pytest.approx(0.15 + 0.005 + 0.045, abs=1e-6)
 
 
 def test_hands_do_not_come_from_below(model: RobotModel, shape: GripperShape) -> None:

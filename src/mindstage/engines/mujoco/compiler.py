@@ -6,9 +6,10 @@ world body, since adding a body costs MuJoCo time proportional to the number of 
 Contacts between scenery and a body that its joint keeps away from it are excluded. Otherwise MuJoCo would check each
 drawer of a kitchen against a hundred geoms of the scenery in every step.
 
-MuJoCo takes the friction and restitution of a contact from the geom with the higher priority. Priorities are highest
-for bouncy geoms, then for slippery ones, and lowest for geoms of unspecified friction: wood slips on ice, and a ball
-bounces on wood.
+MuJoCo takes all parameters of a contact from the geom with the higher priority. Priorities are highest for bouncy
+geoms, then for slippery ones, and lowest for geoms of unspecified friction: wood slips on ice, and a ball bounces on
+wood. What else a contact needs is therefore a property of all geoms that can have priority: their impedance, and
+rolling friction where something can roll.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from mindstage.engines.kinematic_tree import (
 )
 from mindstage.engines.mass_properties import inertia_matrix
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, first_arena_size, new_data
-from mindstage.engines.mujoco.state import CompiledModel, ModelActuators, ModelJoint
+from mindstage.engines.mujoco.state import CompiledModel, ModelActuators, ModelJoint, set_tolerance
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.errors import EngineUnavailableError
 from mindstage.scene import AxisMotion, Body, BodyGeometry, BodyId, CollisionShape, CollisionShapeType, Mobility, Vector
@@ -84,6 +85,8 @@ class ModelInput:
     excluded_pairs: set[tuple[BodyId, BodyId]]
     kinematics_driven: bool = False
     """Whether kinematic bodies are moved; until then they are fixed like static ones, which costs nothing."""
+    has_mocap_bodies: bool = False
+    """Whether kinematic bodies that are moved are mocap bodies, as in files, and not those of `set_kinematic_pose`."""
     arena_used_bytes: int = 0
     """How much of its arena the model before it has used."""
     arena_cap_bytes: int = ARENA_CAP_BYTES
@@ -240,31 +243,48 @@ GeomOptions = dict[str, Any]
 """Keyword arguments of `MjsBody.add_geom`."""
 
 _FRICTION = (0.8, 0.005, 0.0001)
-"""Default sliding friction, which is dimensionless, and torsional and rolling friction [m]."""
+"""Default sliding friction, which is dimensionless, and torsional and rolling friction [m].
+
+Rolling friction is the arm of the force that stops what rolls: a ball with the radius r is slowed by
+0.0001 g / (1.4 r), which is 0.02 m/s² for a ball of 7 cm.
+"""
+_ROLLING_CONDIM = 6
+"""Dimensions of a contact with rolling friction; without it, errors of contact points drive a lying can."""
 _DEFAULT_CONTACT: GeomOptions = {}
 _NO_CONTACT: GeomOptions = {"contype": 0, "conaffinity": 0, "friction": (1.0, 0.005, 0.0001)}
 _MAX_FRICTION = 100.0
 """Coefficient from which on friction is as good as glue."""
 _GROUND_CONTACT = 2
 """Bit of `contype` for the ground."""
-_LOOSE_AFFINITY = 1 | _GROUND_CONTACT
+_KINEMATIC_CONTACT = 4
+"""Bit of `contype` for kinematic bodies that are moved: they touch neither fixed bodies nor one another."""
+_KINEMATIC_MASS_KG = 1e6
+"""Mass of a kinematic body that is moved, and its moments of inertia for a radius of gyration of 1 m.
+
+So large that no contact changes its velocity; the solver's tolerance is set without it.
+"""
+_GROUND_THICKNESS_M = 0.2
 _MIN_INERTIA_SIZE_M = 0.005
 """Minimum size for inertia, so that a sheet of paper is not too easy to spin."""
 _MIN_RESTITUTION = 0.5
 """Below this coefficient, as for all furniture, MuJoCo's default contacts are used, which come to rest."""
 _CONTACT_TIME_CONSTANT_S = 0.02
 """MuJoCo's default time constant of a contact."""
-_DRIVEN_IMPEDANCES = (0.95, 0.99)
-"""Impedances of contacts in a model with actuators, as of the finger pads in MuJoCo Menagerie.
+_IMPEDANCES = (0.9, 0.9999, 0.00015, 0.5, 2.0)
+"""Impedance of a contact where it begins and from a depth of 0.15 mm on, as `solimp` of MuJoCo.
 
-With the defaults, 0.9 and 0.95, the tip of a light finger that a strong arm presses against a door gets 6 mm into it. A
-shorter time constant would mend that, too, but then fingers chatter on what they hold.
+MuJoCo's stiffness of a contact is proportional to the mass of the lighter body: at a constant impedance d, a load of m
+times that mass sinks in proportionally to m (1 - d), which is 10 mm for 2 kg on 20 g with its defaults. An impedance
+that grows to almost 1 limits the depth whatever the masses are, while touching bodies keep the soft contact with which
+they come to rest.
 """
+_DRIVEN_IMPEDANCE = 0.98
+"""Impedance where a contact begins in a model with actuators: what a gripper holds, or an arm pushes, yields less."""
 _MIN_CONTACT_STEPS = 20.0
 """Minimum duration of a bounce in time steps, for stability."""
 _GEOMS = {
     CollisionShapeType.BOX: mujoco.mjtGeom.mjGEOM_BOX,
-    CollisionShapeType.SPHERE: mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    CollisionShapeType.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
     CollisionShapeType.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
     CollisionShapeType.HULL: mujoco.mjtGeom.mjGEOM_MESH,
 }
@@ -291,11 +311,12 @@ def contact_options(geometry: BodyGeometry | None, timestep_s: float, *, non_col
 def set_defaults(spec: Any) -> None:
     """Sets the options that all geoms of a spec share, since each option passed to `add_geom` costs time."""
     geom = spec.default.geom
-    geom.type, geom.mass, geom.margin, geom.friction = (
+    geom.type, geom.mass, geom.margin, geom.friction, geom.solimp = (
         mujoco.mjtGeom.mjGEOM_BOX,
         0.0,
         -JOINT_TOUCH_TOLERANCE_M,
         _FRICTION,
+        _IMPEDANCES,
     )
 
 
@@ -321,6 +342,8 @@ def add_geom(
         options["pos"], options["quat"] = pose[:3], pose[3:]
     if collision_shape.type is not CollisionShapeType.BOX:
         options["type"] = _GEOMS[collision_shape.type]
+    if collision_shape.type is CollisionShapeType.SPHERE and len(set(collision_shape.size)) > 1:
+        options["type"] = mujoco.mjtGeom.mjGEOM_ELLIPSOID  # its contacts are less exact than those of a sphere
     body.add_geom(**options, **geom_options)
 
 
@@ -420,6 +443,20 @@ def _set_driven_friction(compiled: CompiledModel, model_input: ModelInput) -> No
     model.dof_frictionloss[compiled.actuators.dofs] = frictions
 
 
+_ROUND_GEOMS = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CYLINDER)
+
+
+def _set_rolling_friction(compiled: CompiledModel) -> None:
+    """Gives rolling friction to contacts of loose balls and cylinders, also with fixed bodies of a higher priority."""
+    model = compiled.model
+    loose_roots = [compiled.body_ids[root] for root in compiled.free_joint_addresses]
+    is_loose = np.isin(model.body_rootid[model.geom_bodyid], loose_roots) & (model.geom_contype != 0)
+    rolls = is_loose & np.isin(model.geom_type, [int(each) for each in _ROUND_GEOMS])
+    if rolls.any():
+        carries = ~is_loose & (model.geom_priority > model.geom_priority[rolls].min())
+        model.geom_condim[rolls | carries] = _ROLLING_CONDIM
+
+
 def _driven_roots(model_input: ModelInput) -> set[BodyId]:
     """The roots of the groups that actuators move."""
     forest, driven, roots = model_input.forest, model_input.builder.actuators.driven_joints, set[BodyId]()
@@ -471,6 +508,8 @@ class _SpecBuilder:
         self.frames = _frames(model_input)
         self.spec_bodies: dict[BodyId, Any] = {}
         self.free_joints: dict[BodyId, Any] = {}
+        self.kinematic_joints: dict[BodyId, Any] = {}
+        """The free joints of kinematic bodies."""
         self.spec_joints: dict[BodyId, tuple[TreeJoint, tuple[JointAxis, ...], bool, list[Any], Any]] = {}
         self.actuators: list[tuple[str, Actuator, Any]] = []
         """The simulated actuators by name, and the axes that they drive."""
@@ -484,7 +523,7 @@ class _SpecBuilder:
         # Friction nearly as stiff as contact prevents creep on slopes; what a gripper holds must creep less.
         option.impratio = 100.0 if self.driven_roots else 10.0
         if self.driven_roots:
-            self.spec.default.geom.solimp[:2] = _DRIVEN_IMPEDANCES
+            self.spec.default.geom.solimp[0] = _DRIVEN_IMPEDANCE
         option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged state must not be reset silently
         self.spec.compiler.degree = False
@@ -496,8 +535,13 @@ class _SpecBuilder:
             root = self._add_body(self.spec.worldbody, group.root, model_input.poses[model_input.rows[group.root]])
             if group.is_dynamic:
                 self.free_joints[group.root] = root.add_freejoint()
-            elif not model_input.is_fixed(group):
+            elif not model_input.is_fixed(group) and model_input.has_mocap_bodies:
                 root.mocap = True
+            elif not model_input.is_fixed(group):
+                self.kinematic_joints[group.root] = root.add_freejoint()
+                root.explicitinertial, root.mass = True, _KINEMATIC_MASS_KG
+                root.ipos, root.iquat, root.inertia = np.zeros(3), _IDENTITY_QUATERNION, np.full(3, _KINEMATIC_MASS_KG)
+                root.gravcomp = 1.0
         else:
             self._add_tree_joint(group, tree_joint)
         for id in group.bodies[1:]:
@@ -612,14 +656,25 @@ class _SpecBuilder:
         geom_options = contact_options(
             builder.geometry.get(id), self.model_input.timestep_s, non_colliding=non_colliding
         )
-        if builder.ground_height_m is not None and builder.collides_with_ground(id):
-            geom_options = {**geom_options, "conaffinity": _LOOSE_AFFINITY}
+        if not non_colliding:
+            geom_options = geom_options | self._contact_bits(id)
         is_driven = self.model_input.forest.root_of[id] in self.driven_roots
         for shape, pose in shapes:
             # A ball that is held in one point by each finger would spin there without torsional friction.
             has_torsion = is_driven or (self.driven_roots and shape.type is CollisionShapeType.SPHERE)
             options = {**geom_options, "condim": 4} if has_torsion else geom_options
             add_geom(body, shape, pose, geom_options=options, mesh=self._hull_mesh_name(shape))
+
+    def _contact_bits(self, id: BodyId) -> GeomOptions:
+        """What a body collides with, if that is not the default: all bodies, and not the ground."""
+        model_input = self.model_input
+        group = model_input.forest.groups[model_input.forest.root_of[id]]
+        affinity = _GROUND_CONTACT if model_input.builder.collides_with_ground(id) else 0
+        if model_input.kinematics_driven and not model_input.has_mocap_bodies and not model_input.is_fixed(group):
+            if not group.is_dynamic:
+                return {"contype": _KINEMATIC_CONTACT, "conaffinity": 0}
+            affinity |= _KINEMATIC_CONTACT
+        return {"conaffinity": 1 | affinity} if affinity else {}
 
     def _hull_mesh_name(self, shape: CollisionShape) -> str:
         """The name of a hull's mesh, which is added on first use; empty for other shapes."""
@@ -631,13 +686,17 @@ class _SpecBuilder:
         return self.meshes[shape.points]
 
     def add_ground(self) -> None:
-        """Adds the ground plane, which only loose bodies collide with: a door must not rub on it."""
-        height_m = self.model_input.builder.ground_height_m
-        if height_m is not None:
-            self.spec.worldbody.add_geom(
-                name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0], pos=[0.0, 0.0, height_m],
-                contype=_GROUND_CONTACT, conaffinity=0,
-            )  # fmt: skip
+        """Adds the ground, which only loose bodies collide with: a door must not rub on it."""
+        ground = self.model_input.builder.ground
+        if ground is None:
+            return
+        options: dict[str, Any] = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0]}
+        options["pos"] = [0.0, 0.0, ground.height_m]
+        if ground.area is not None:  # a plane is infinite, whatever its size
+            x, y, far_x, far_y = ground.area
+            half = [(far_x - x) / 2, (far_y - y) / 2, _GROUND_THICKNESS_M / 2]
+            options = {"size": half, "pos": [(x + far_x) / 2, (y + far_y) / 2, ground.height_m - half[2]]}
+        self.spec.worldbody.add_geom(name="ground", contype=_GROUND_CONTACT, conaffinity=0, **options)
 
     def add_excludes(self) -> None:
         """Excludes contacts of pairs."""
@@ -752,15 +811,10 @@ class _SpecBuilder:
             first = spec_joints[0].id
             position, velocity = int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
             joints[id] = ModelJoint(tree_joint, axes, ball, position, velocity, body.id)
-        free = {
-            root: (int(model.jnt_qposadr[joint.id]), int(model.jnt_dofadr[joint.id]))
-            for root, joint in self.free_joints.items()
-        }
-        mocap = {
-            root: int(model.body_mocapid[numbers[root]])
-            for root, group in model_input.forest.groups.items()
-            if model_input.kinematics_driven and group.mobility is Mobility.KINEMATIC
-        }
+        free, kinematic = (
+            {root: (int(model.jnt_qposadr[joint.id]), int(model.jnt_dofadr[joint.id])) for root, joint in found.items()}
+            for found in (self.free_joints, self.kinematic_joints)
+        )
         axis_ids = [joint.id for _, _, joint in self.actuators]
         actuators = ModelActuators(
             tuple(name for name, _, _ in self.actuators),
@@ -776,7 +830,7 @@ class _SpecBuilder:
         scenery_rows = np.repeat(rows, self.scenery_geom_counts)
         geom_rows[: len(scenery_rows)] = scenery_rows  # the geoms of the world body are the first, in this order
         return CompiledModel(
-            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, mocap,
+            model, data, model_input.rows, numbers, order, rows, model_input.poses[rows], joints, free, kinematic,
             geom_rows, actuators, model_input.arena_cap_bytes,
         )  # fmt: skip
 
@@ -804,9 +858,11 @@ def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledM
     builder.add_ground()
     builder.add_excludes()
     compiled = builder.compile(scenery_bodies)
+    set_tolerance(compiled.model, compiled.kinematic_dofs)
     set_soft_limits(compiled.model, compiled.joints.values())
     set_joint_friction(compiled.model, compiled.data, compiled.joints.values())
     _set_driven_friction(compiled, model_input)
+    _set_rolling_friction(compiled)
     return compiled
 
 

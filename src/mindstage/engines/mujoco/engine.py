@@ -1,7 +1,8 @@
 """MujocoEngine: a world simulated by MuJoCo in this process.
 
 Static bodies are fixed to MuJoCo's world, and so are kinematic ones until one of them is moved; from then on they are
-mocap bodies. Dynamic bodies have free joints, or joints of kinematic trees. An edit only marks the model as stale; the
+so heavy that nothing changes their prescribed velocities (see `CompiledModel.set_kinematic_pose`). Dynamic bodies have
+free joints, or joints of kinematic trees. An edit only marks the model as stale; the
 next call that needs physics compiles a new model, once for all edits, and transfers the running state to it (see
 `transfer_state`).
 """
@@ -54,7 +55,7 @@ from mindstage.engines.mujoco.state import (
 )
 from mindstage.engines.physics_model import PhysicsModelBuilder, check_joint_limits
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
-from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
+from mindstage.ranges import MAX_SIZE_M, Count, Finite, ForceVector, Point, TimeStep, checked
 from mindstage.scene import BodyGeometry, BodyId, Color, Mobility, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetPhysics, Spawn
@@ -98,6 +99,8 @@ class ModelCache:
         """Servos that were reported as too stiff."""
         self.unchecked_steps = 0
         """Number of time steps since falling bodies were checked."""
+        self.fast: dict[BodyId, float] = {}
+        """Bodies for which time steps are divided until then, with the friction of what they hit."""
         self.last_rebuild: RebuildTime | None = None
         """When the model was compiled last."""
         self._cost_ratio = 1.0
@@ -114,6 +117,7 @@ class ModelCache:
         result._changed_boxes, result._kinematics_driven = list(self._changed_boxes), self._kinematics_driven
         result._fast_bodies, result._scales = set(self._fast_bodies), dict(self._scales)
         result.unchecked_steps, result._limited_servos = self.unchecked_steps, set(self._limited_servos)
+        result.fast = dict(self.fast)
         result.last_rebuild, result._cost_ratio = self.last_rebuild, self._cost_ratio
         return result
 
@@ -284,15 +288,19 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
 
-    def check_free_bodies(self) -> None:
-        """Makes bodies static that fell far below the place, and reports those that may pass through thin ones."""
-        compiled = self._compiled
-        if compiled is None or not compiled.free_joint_addresses:
+    def include_separated_pairs(self) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now."""
+        if self.stale or self._compiled is None or not self.builder.collision_filter.temporary_pairs:
             return
-        velocities = compiled.data.qvel[compiled.free_velocities]
-        if np.abs(velocities).max() > _MIN_FAST_SPEED:
-            self._report_fast(compiled, velocities)
-        if self.builder.bounds is None:
+        if apart := self.builder.separated_pairs(self.poses()):
+            self.builder.include_pairs(apart)
+            self._compiled.include_pairs(apart)
+
+    def check_free_bodies(self) -> None:
+        """Makes bodies static that fell far below the place."""
+        self.include_separated_pairs()
+        compiled = self._compiled
+        if compiled is None or not compiled.free_joint_addresses or self.builder.bounds is None:
             return
         heights = compiled.data.qpos[compiled.free_heights]
         if heights.min() < self.builder.bounds.fall_limit_m:
@@ -301,37 +309,49 @@ class ModelCache:
                 self._at_rest.update(fallen)
                 self.stale = True
 
-    def _report_fast(self, compiled: CompiledModel, velocities: Array) -> None:
-        """Reports bodies that will hit something so fast that the contact force cannot stop them within it.
+    def step(self, compiled: CompiledModel, count: int, *, has_forces: bool) -> None:
+        """Advances time by some steps, at most until bodies are checked again.
 
-        A contact of MuJoCo is a spring with a time constant, not a hard surface. Within `_CONTACT_DURATION_S` a body
-        moves on, and if its center passes that of a thin obstacle, it is pushed out on the other side.
+        These steps are divided if at their begin a body will hit something that it may pass through.
         """
-        compiled.update_poses()
-        speeds = np.linalg.norm(velocities, axis=1)
-        for row in np.flatnonzero(speeds > _MIN_FAST_SPEED).tolist():
-            id = list(compiled.free_joint_addresses)[row]
-            thickness_m = min(self.builder.mass_properties.size(id))
-            if id in self._fast_bodies or speeds[row] * _CONTACT_DURATION_S <= thickness_m / 2:
+        if not self.unchecked_steps or has_forces:
+            self._find_fast(compiled)
+        compiled.step(count, fast=self.fast)
+        self.unchecked_steps = (self.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
+
+    def _find_fast(self, compiled: CompiledModel) -> None:
+        self.fast = {}
+        velocities = compiled.data.qvel[compiled.free_velocities]
+        if np.abs(velocities).max(initial=0.0) > _MIN_FAST_SPEED:
+            compiled.update_poses()
+            roots = list(compiled.free_joint_addresses)
+            for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > _MIN_FAST_SPEED).tolist():
+                if not compiled.is_pressed(roots[row]):
+                    self._check_fast(compiled, roots[row], velocities[row])
+
+    def _check_fast(self, compiled: CompiledModel, id: BodyId, velocity: Array) -> None:
+        """Finds what a body will hit within which the contact force cannot stop it.
+
+        A contact of MuJoCo is a spring with a time constant, not a hard surface: the body moves on for
+        `_CONTACT_DURATION_S`, and if it is then in the middle of a thin obstacle, it is pushed out on the other side.
+        Shorter time steps allow for stiffer springs. Obstacles are found by rays from the body's corners and center.
+        """
+        duration_s, falls = _MAX_UNCHECKED_STEPS * self._timestep_s, compiled.is_falling(id)
+        mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
+        speed, thickness_m = float(np.linalg.norm(velocity)), min(self.builder.mass_properties.size(id))
+        end_speed = speed + _GRAVITY_M_S2 * duration_s * falls
+        within_m = min(end_speed * duration_s, MAX_SIZE_M)
+        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=within_m):
+            hit_speed = float(np.sqrt(speed**2 + 2 * _GRAVITY_M_S2 * distance_m * falls))
+            if hit_speed * _CONTACT_DURATION_S <= min(thickness_m, obstacle_m) / 2:
                 continue
-            body_id, geom_id = compiled.body_ids[id], np.full(1, -1, dtype=np.int32)
-            direction = velocities[row] / speeds[row]
-            distance_m = mujoco.mj_ray(
-                compiled.model, compiled.data, compiled.data.xipos[body_id], direction, None, 1, body_id, geom_id
-            )
-            if geom_id[0] < 0 or compiled.model.geom_type[geom_id[0]] == int(mujoco.mjtGeom.mjGEOM_PLANE):
-                continue
-            roots = compiled.model.body_rootid
-            if roots[compiled.model.geom_bodyid[geom_id[0]]] == roots[body_id]:
-                continue  # it hits a part of itself
-            gained = 2 * _GRAVITY_M_S2 * distance_m * max(-float(direction[2]), 0.0)
-            speed = float(np.sqrt(speeds[row] ** 2 + gained))
-            obstacle_m = 2 * float(compiled.model.geom_aabb[geom_id[0], 3:].min())
-            if speed * _CONTACT_DURATION_S > (thickness_m + obstacle_m) / 2:
+            self.fast[id] = min(friction, self.fast.get(id, friction))
+            moves_m = hit_speed * _DIVIDED_CONTACT_DURATION_S
+            if moves_m > (thickness_m + obstacle_m) / 2 and id not in self._fast_bodies:
                 self._fast_bodies.add(id)
                 text = (
-                    f"{id} will hit something {obstacle_m * 1000:.3g} mm thick at {speed:.3g} m/s and moves by "
-                    f"{speed * _CONTACT_DURATION_S * 1000:.3g} mm before the contact stops it: it may pass through"
+                    f"{id} will hit something {obstacle_m * 1000:.3g} mm thick at {hit_speed:.3g} m/s and moves by "
+                    f"{moves_m * 1000:.3g} mm before the contact stops it: it may pass through"
                 )
                 self.late_notes.append(SpawnNote(SpawnNoteKind.FAST, (id,), text))
 
@@ -431,10 +451,12 @@ def _relative_scale(scale: DynamicsScale, before: DynamicsScale | None) -> Dynam
 _MIN_FAST_SPEED = 0.5
 """Slower bodies pass through nothing [m/s]."""
 _CONTACT_DURATION_S = 0.007
-"""How long a body moves on after a contact began, measured for cubes of 2 to 30 cm that fall on plates [s]."""
+"""How long a body moves on after a contact began: for MuJoCo's default time constant divided by e [s]."""
+_DIVIDED_CONTACT_DURATION_S = 0.00035
+"""The same with time steps in `SUBSTEPS` parts, as measured for blades that fall on thin plates [s]."""
 _GRAVITY_M_S2 = 9.81
 _MAX_UNCHECKED_STEPS = 50
-"""Number of time steps after which falling bodies are checked."""
+"""Number of time steps after which falling bodies and pairs that overlapped are checked."""
 _MAX_BEYOND_LIMIT = 0.05
 """Limits of joints are soft: physics moves a joint so far beyond its limit at most [m or rad]."""
 _POSE_TOLERANCE = 1e-12
@@ -555,10 +577,10 @@ class MujocoEngine(EditingEngine):
         target = normalized_pose_array(pose)
         if id in cache.forest.tree_joints:
             cache.model()  # joint coordinates need a current model
-        tolerance = _MAX_BEYOND_LIMIT if restores else 0.0
-        if cache.stale or not self._move_in_place(cache, id, target, tolerance):
+        if cache.stale or not self._move_in_place(cache, id, target, restores=restores):
             cache.move(id, target)
         cache.registry.move(id, pose)
+        cache.include_separated_pairs()
 
     def highlight(self, ids: Iterable[BodyId], color: Color | None) -> None:
         self._require_open().registry.highlight(ids, color)
@@ -599,11 +621,10 @@ class MujocoEngine(EditingEngine):
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
-            compiled.step(count)
+            cache.step(compiled, count, has_forces=bool(self._forces))
             now_s = time.monotonic()
             self._step_wall_s = (now_s - began_s) / count
             remaining -= count
-            cache.unchecked_steps = (cache.unchecked_steps + count) % _MAX_UNCHECKED_STEPS
             if remaining and not cache.unchecked_steps:
                 cache.check_free_bodies()
                 if cache.stale and wall_s < float("inf"):
@@ -659,7 +680,7 @@ class MujocoEngine(EditingEngine):
 
     def stats(self) -> EngineStats:
         compiled = self._require_open().last_model
-        sleep = np.zeros(0) if compiled is None else compiled.data.body_awake
+        sleep = np.zeros(0) if compiled is None else compiled.data.body_awake[~compiled.is_kinematic]
         return EngineStats(
             movable=int(np.count_nonzero(sleep >= int(mujoco.mjtSleepState.mjS_ASLEEP))),
             awake=int(np.count_nonzero(sleep == int(mujoco.mjtSleepState.mjS_AWAKE))),
@@ -722,6 +743,11 @@ class MujocoEngine(EditingEngine):
         self._closed = True
 
     @property
+    def assumptions(self) -> tuple[str, ...]:
+        """See `AssumingEngine`."""
+        return self._require_open().builder.assumptions
+
+    @property
     def notes(self) -> tuple[SpawnNote, ...]:
         """Notes on decisions caused by edits, and warnings of MuJoCo; those of a spawn are in its report."""
         return tuple(self._require_open().late_notes)
@@ -740,7 +766,7 @@ class MujocoEngine(EditingEngine):
             if point is not None:
                 compiled.data.xfrc_applied[body_id, 3:] += np.cross(point - compiled.data.xipos[body_id], force)
 
-    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array, tolerance: float) -> bool:
+    def _move_in_place(self, cache: ModelCache, id: BodyId, target: Array, *, restores: bool) -> bool:
         """Moves a body without a new model if it is free, kinematic or on a joint; False for others."""
         cache.enable_kinematic_motion(id)
         compiled = cache.model()
@@ -749,10 +775,10 @@ class MujocoEngine(EditingEngine):
             qpos, dof = compiled.free_joint_addresses[id]
             compiled.data.qpos[qpos : qpos + 7] = target
             compiled.data.qvel[dof : dof + 6] = 0.0
-        elif id in compiled.mocap_ids:
-            compiled.data.mocap_pos[compiled.mocap_ids[id]] = target[:3]
-            compiled.data.mocap_quat[compiled.mocap_ids[id]] = target[3:]
+        elif id in compiled.kinematic_addresses:
+            compiled.set_kinematic_pose(id, target, at_once=restores)
         elif (tree_joint := cache.forest.tree_joints.get(id)) is not None:
+            tolerance = _MAX_BEYOND_LIMIT if restores else 0.0
             self._set_joint(cache, id, tree_joint.joint.id, target, tolerance)
         else:
             return False

@@ -35,6 +35,7 @@ _MAX_DEPTH = 400
 """Nested bodies that MuJoCo's XML parser accepts."""
 _GEOMS = {
     int(mujoco.mjtGeom.mjGEOM_BOX): ("box", 3),
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): ("sphere", 1),
     int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): ("ellipsoid", 3),
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): ("cylinder", 2),
 }
@@ -94,7 +95,7 @@ def world_to_mjcf(
     for bodies in actuated:
         cache.apply(SetActuators(bodies.actuators, tuple(bodies.without_weight)))
     failures = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
-    compiled = compile_model(replace(cache.model_input(), kinematics_driven=True), scenery=False)
+    compiled = compile_model(replace(cache.model_input(), kinematics_driven=True, has_mocap_bodies=True), scenery=False)
     if compiled.actuators.names:
         limit_stiffness(compiled)
     document = _Document(world, compiled, find_mesh, geometry, visuals_folder)
@@ -138,8 +139,10 @@ class _Document:
         """Builds the document."""
         ElementTree.SubElement(self.root, "compiler", angle="radian")
         timestep = repr(float(self.model.opt.timestep))
-        option = {"timestep": timestep, "integrator": "implicitfast", "cone": "elliptic", "impratio": "10"}
-        ElementTree.SubElement(self.root, "option", option)
+        impratio = repr(float(self.model.opt.impratio))
+        attributes = {"timestep": timestep, "integrator": "implicitfast", "cone": "elliptic", "impratio": impratio}
+        option = ElementTree.SubElement(self.root, "option", attributes)
+        ElementTree.SubElement(option, "flag", sleep="enable", autoreset="disable")
         self._add_custom_texts()
         self.root.append(self.assets)
         self._add_hull_meshes()
@@ -269,6 +272,7 @@ class _Document:
         if model.geom_contype[geom]:
             attributes |= {
                 "friction": _format_numbers(model.geom_friction[geom]),
+                "condim": str(int(model.geom_condim[geom])),
                 "priority": str(int(model.geom_priority[geom])),
                 "solref": _format_numbers(model.geom_solref[geom]),
                 "solimp": _format_numbers(model.geom_solimp[geom]),

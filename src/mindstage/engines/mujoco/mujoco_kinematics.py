@@ -72,8 +72,8 @@ def compile_chain(joints: Sequence[ChainJoint], frame: Array) -> Any:
 
 _RESTING_UP, _RESTING_M = 0.5, 0.001
 """Least vertical component of the contact normal, and largest distance [m], of a body that rests on another one."""
-_MOVING_BIT = 4
-"""The bit of `contype` and `conaffinity` of the contacts that are computed; `compiler` uses 1 and 2."""
+_MOVING_BIT = 8
+"""The bit of `contype` and `conaffinity` of the contacts that are computed; `compiler` uses 1, 2 and 4."""
 
 
 class ContactModel:
@@ -102,7 +102,6 @@ class ContactModel:
         self.model: Any = copy.copy(compiled.model)
         self.data: Any = mujoco.MjData(self.model)
         self.data.qpos[:] = compiled.data.qpos
-        self.data.mocap_pos[:], self.data.mocap_quat[:] = compiled.data.mocap_pos, compiled.data.mocap_quat
         self.ids: tuple[BodyId | None, ...] = (*compiled.rows, None)
         """The bodies; the last one, also at row -1, is a ground plane that the engine has added."""
         self._carried: list[tuple[int, int, Array]] = []

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar, cast
 
 import mujoco
 import numpy as np
@@ -22,14 +23,17 @@ from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
 from mindstage.errors import EngineError
-from mindstage.ranges import Count, checked
+from mindstage.ranges import Count, Length, NotNegative, checked
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
 __all__ = [
+    "STIFFENING",
+    "SUBSTEPS",
     "CompiledModel",
     "CompiledState",
     "ContactPoints",
+    "KinematicMotion",
     "MergedContacts",
     "ModelActuators",
     "ModelJoint",
@@ -43,9 +47,12 @@ __all__ = [
     "scale_model",
     "set_commands",
     "set_joint_coordinates",
+    "set_tolerance",
     "transfer_state",
     "wake_islands",
 ]
+
+T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -83,11 +90,52 @@ class CompiledState(NamedTuple):
 
     qpos: Array
     qvel: Array
-    mocap_pos: Array
-    """k x 3 [m]."""
-    mocap_quat: Array
-    """k x 4."""
     time_s: float
+
+
+class KinematicMotion(NamedTuple):
+    """How a kinematic body gets to the pose that was set last; velocities are those of a free joint.
+
+    These are linear in the world frame [m/s], then angular in the body frame [rad/s].
+    """
+
+    set_at_s: float
+    """The simulated time at which that pose was set [s]."""
+    steps: int
+    """Number of time steps until it is there."""
+    pose: Array
+    """Where the body is for the physics; `qpos` has the pose that was set."""
+    velocity: Array
+    """Its velocity there."""
+    acceleration: Array
+    """[m/s²], [rad/s²]."""
+    mean_velocity: Array
+    """Of the whole motion."""
+    before: Array
+    """The mean velocity of the motion before."""
+
+
+SUBSTEPS, STIFFENING = 8, 40
+"""The number of parts of a time step in which a body may pass through another one, and the factor by which the time
+constants of contacts are then shorter, unless they bounce: to two parts, the least with which a contact is stable."""
+_FAST_PRIORITY = 20_000
+"""Added to the priority of the geoms of fast bodies, above that of all others."""
+_DEEP_M = 0.0005
+_NONE_FAST: Mapping[BodyId, float] = MappingProxyType({})
+_CORNERS = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), axis=-1).reshape(8, 3)
+_FIRST_PERIOD_S, _MAX_PERIOD_S = 0.02, 0.1
+"""The time of the first motion of a kinematic body, and the longest one [s]."""
+_CORRECTION_STEPS = 50
+"""Number of time steps after which kinematic bodies at rest are put back where they belong."""
+_MAX_SPEEDS = (5.0, 30.0)
+"""Largest speeds of a kinematic body that moves to a pose [m/s, rad/s]."""
+_MAX_ACCELERATIONS = (20.0, 200.0)
+"""Largest accelerations between two motions [m/s², rad/s²]; beyond these, the velocity changes suddenly."""
+
+
+def _exceeds(vector: Array, limits: tuple[float, float]) -> bool:
+    """Whether the linear or the angular half of a vector is longer than its limit."""
+    return bool(np.linalg.norm(vector[:3]) > limits[0] or np.linalg.norm(vector[3:]) > limits[1])
 
 
 @dataclass(slots=True)
@@ -110,8 +158,8 @@ class CompiledModel:
     """The tree joints by id."""
     free_joint_addresses: dict[BodyId, tuple[int, int]]
     """Addresses in `qpos` and `qvel` of each rigid group with a free joint."""
-    mocap_ids: dict[BodyId, int]
-    """MuJoCo's mocap id of each kinematic group."""
+    kinematic_addresses: dict[BodyId, tuple[int, int]]
+    """The same of each kinematic group that can be moved."""
     geom_rows: NDArray[np.intp]
     """Row of the body of each geom; -1 for the ground."""
     actuators: ModelActuators = _NO_ACTUATORS
@@ -119,11 +167,26 @@ class CompiledModel:
     """The size up to which the arena grows."""
     poses_outdated: bool = False
     """Whether time has advanced since the poses in `data` were computed: `mj_step` computes those before its step."""
+    motions: dict[BodyId, KinematicMotion] = field(default_factory=dict)
+    """The last motion of each kinematic group."""
+    kinematic_state: tuple[Array, Array] | None = None
+    """Where kinematic groups are for the physics, k x 7, and their velocities, k x 6, as contacts have changed them by
+    less than a micrometer since the last correction; None for the poses that were set, at rest."""
+    kinematic_rows: dict[BodyId, int] = field(init=False)
+    """The row of each kinematic group in these."""
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
     free_velocities: NDArray[np.intp] = field(init=False)
     """Addresses in `qvel` of their linear velocities, k x 3."""
+    kinematic_qpos: NDArray[np.intp] = field(init=False)
+    """The addresses of all coordinates of kinematic groups in `qpos`, k x 7."""
+    kinematic_dofs: NDArray[np.intp] = field(init=False)
+    """Those of their velocities in `qvel`, k x 6."""
+    is_kinematic: NDArray[np.bool_] = field(init=False)
+    """Whether each MuJoCo body is part of a kinematic group that can be moved."""
+    divided: tuple[Any, dict[BodyId, float], Any] | None = None
+    """A model, fast bodies, and the same model with divided time steps for these; None until a step needs it."""
     before: Any = field(init=False, default=None)
     """Data for the state before a step; None until a step needs it."""
 
@@ -131,28 +194,119 @@ class CompiledModel:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.free_heights = addresses[:, 0] + 2
         self.free_velocities = addresses[:, 1:] + np.arange(3)
+        self.kinematic_rows = {root: row for row, root in enumerate(self.kinematic_addresses)}
+        addresses = np.array(list(self.kinematic_addresses.values()), dtype=np.intp).reshape(-1, 2)
+        self.kinematic_qpos, self.kinematic_dofs = addresses[:, :1] + np.arange(7), addresses[:, 1:] + np.arange(6)
+        kinematic = [self.body_ids[root] for root in self.kinematic_addresses]
+        self.is_kinematic = np.isin(self.model.body_weldid, kinematic)
 
     def copy(self) -> CompiledModel:
         """An independent copy of the state, sleep included; the model and all addresses are shared."""
-        result = replace(self)
+        result = replace(self, motions=dict(self.motions))
         result.data = copy.copy(self.data)
         return result
 
+    def set_kinematic_pose(self, root: BodyId, target: Array, *, at_once: bool) -> None:
+        """Sets the pose of a kinematic group.
+
+        For the physics, it moves there within the time since its pose was set before, at most `_MAX_PERIOD_S`, else
+        within `_FIRST_PERIOD_S`: as a program moves a body that sets a pose in each of its cycles. Its mean velocity
+        follows from the distance, and its acceleration from the mean velocity before, unless that were beyond
+        `_MAX_ACCELERATIONS`. If the velocity were beyond `_MAX_SPEEDS`, or with `at_once`, the body is there at once,
+        at rest.
+        """
+        address, now_s, timestep_s = self.kinematic_addresses[root][0], float(self.data.time), self.model.opt.timestep
+        qpos = self.data.qpos[address : address + 7]
+        last, steps, before = self.motions.get(root), round(_FIRST_PERIOD_S / timestep_s), np.zeros(6)
+        start = last.pose if last is not None and last.steps else qpos.copy()
+        if last is not None and now_s - last.set_at_s < _MAX_PERIOD_S:
+            passed = round((now_s - last.set_at_s) / timestep_s)
+            before = last.mean_velocity if passed else last.before
+            steps = passed or last.steps or steps
+        duration_s, turn = max(steps, 1) * timestep_s, np.zeros(3)
+        mujoco.mju_subQuat(turn, target[3:], start[3:])
+        mean = np.concatenate([target[:3] - start[:3], turn]) / duration_s
+        acceleration = (mean - before) / duration_s
+        if at_once or _exceeds(mean, _MAX_SPEEDS):
+            steps, mean = 0, np.zeros(6)
+        if _exceeds(acceleration, _MAX_ACCELERATIONS):
+            acceleration = np.zeros(6)
+        velocity = mean - acceleration * (duration_s + timestep_s) / 2  # MuJoCo changes the velocity, then the pose
+        self.motions[root] = KinematicMotion(now_s, steps, start, velocity, acceleration, mean, before)
+        if self.kinematic_state is not None:
+            poses, velocities = (each.copy() for each in self.kinematic_state)
+            poses[self.kinematic_rows[root]], velocities[self.kinematic_rows[root]] = target, 0.0
+            self.kinematic_state = poses, velocities
+        qpos[:] = target
+
     @checked
-    def step(self, count: Count) -> None:
+    def step(self, count: Count, *, fast: Mapping[BodyId, NotNegative] = _NONE_FAST) -> None:
         """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
 
         The result is the same as with an arena that was large from the beginning.
 
+        Args:
+            count: number of time steps.
+            fast: loose bodies that may pass through others, with the largest friction of what they hit: each step is
+                divided into `SUBSTEPS`, in which their contacts are stiffer.
+
         Raises:
-            EngineMemoryError: the arena would exceed its largest size; the state is that before the steps.
-            EngineError: MuJoCo failed; the state is that before the steps.
+            EngineMemoryError: the arena would exceed its largest size; the state is that before a part of the steps.
+            EngineError: MuJoCo failed; the state is that before a part of the steps.
         """
+        if not self.kinematic_addresses:
+            self._advance(count, fast)
+            return
+        while count:
+            moving = {root: motion for root, motion in self.motions.items() if motion.steps}
+            part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
+            self._step_with_motions(moving, part, fast)
+            count -= part
+
+    def _steps_to_correction(self) -> int:
+        """The time steps until kinematic bodies at rest are put back where they belong: a function of the time."""
+        return _CORRECTION_STEPS - round(float(self.data.time / self.model.opt.timestep)) % _CORRECTION_STEPS
+
+    def _step_with_motions(
+        self, moving: Mapping[BodyId, KinematicMotion], count: int, fast: Mapping[BodyId, float]
+    ) -> None:
+        """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions.
+
+        However the steps are divided among calls, the result is the same: nothing is rounded between two of them.
+        """
+        data, dofs, is_corrected = self.data, self.kinematic_dofs, count == self._steps_to_correction()
+        targets = data.qpos[self.kinematic_qpos]
+        poses, velocities = (targets, np.zeros(dofs.shape)) if self.kinematic_state is None else self.kinematic_state
+        poses, velocities, forces = poses.copy(), velocities.copy(), np.zeros(dofs.shape)
+        for root, motion in moving.items():
+            row = self.kinematic_rows[root]
+            poses[row], velocities[row] = motion.pose, motion.velocity
+            forces[row] = self.model.dof_M0[dofs[row]] * motion.acceleration
+        data.qpos[self.kinematic_qpos], data.qvel[dofs], data.qfrc_applied[dofs] = poses, velocities, forces
+        try:
+            self._advance(count, fast)
+            poses, velocities = self.data.qpos[self.kinematic_qpos], self.data.qvel[dofs]
+            is_there = np.full(len(dofs), is_corrected)
+            for root, motion in moving.items():
+                row = self.kinematic_rows[root]
+                pose, velocity = poses[row].copy(), velocities[row].copy()
+                self.motions[root] = motion._replace(pose=pose, velocity=velocity, steps=motion.steps - count)
+                is_there[row] = motion.steps == count
+            poses[is_there], velocities[is_there] = targets[is_there], 0.0
+            self.kinematic_state = poses, velocities
+        finally:
+            self.data.qpos[self.kinematic_qpos] = targets
+            self.data.qvel[dofs] = self.data.qfrc_applied[dofs] = 0.0
+
+    def _advance(self, count: int, fast: Mapping[BodyId, float]) -> None:
+        substeps = SUBSTEPS if fast else 1
         if self.before is None:
             self.before = new_data(self.model)
         mujoco.mj_copyData(self.before, self.model, self.data)
         try:
-            while not run_mujoco(mujoco.mj_step, self.model, self.data, nstep=count) or is_exhausted(self.data):
+            while not run_mujoco(
+                mujoco.mj_step, self._divided(fast), self.data, nstep=count * substeps
+            ) or is_exhausted(self.data):
                 larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
                 self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
                 self.model = larger
@@ -160,6 +314,63 @@ class CompiledModel:
             mujoco.mj_copyData(self.data, self.model, self.before)
             raise
         self.poses_outdated = True
+
+    def _divided(self, fast: Mapping[BodyId, float]) -> Any:
+        """The model with a shorter time step, in which the contacts of fast bodies have shorter time constants.
+
+        Others keep theirs: what is deep in a soft contact would be thrown out of a stiff one.
+        """
+        if not fast:
+            return self.model
+        if self.divided is None or self.divided[0] is not self.model or self.divided[1] != fast:
+            divided = copy.copy(self.model)
+            divided.opt.timestep /= SUBSTEPS
+            for root in fast.keys() & self.free_joint_addresses.keys():
+                geoms = divided.body_rootid[divided.geom_bodyid] == self.body_ids[root]
+                divided.geom_priority[geoms] += _FAST_PRIORITY
+                divided.geom_friction[geoms, 0] = np.minimum(divided.geom_friction[geoms, 0], fast[root])
+                damping = divided.geom_solref[geoms, 1]
+                divided.geom_solref[geoms, 0] /= np.where(damping < 1.0, SUBSTEPS, STIFFENING)
+            self.divided = self.model, dict(fast), divided
+        return self.divided[2]
+
+    def is_pressed(self, root: BodyId) -> bool:
+        """Whether a loose body is already deep in a contact."""
+        contact = self.data.contact
+        deep = np.asarray(contact.geom)[np.asarray(contact.dist) < -_DEEP_M]
+        return bool((self.model.body_rootid[self.model.geom_bodyid[deep]] == self.body_ids[root]).any())
+
+    def is_falling(self, root: BodyId) -> bool:
+        """Whether nothing carried a loose body in the last step."""
+        dof = self.free_joint_addresses[root][1]
+        return bool(self.data.qacc[dof + 2] < self.model.opt.gravity[2] / 2)
+
+    @checked
+    def obstacles(self, root: BodyId, velocity: Array, *, within_m: Length) -> Iterator[tuple[float, float, float]]:
+        """What a loose body will hit if it moves on: distance and thickness [m], and friction.
+
+        Planes, which stop everything, and bodies that bounce are left out.
+
+        Args:
+            root: the root of the body.
+            velocity: its velocity [m/s].
+            within_m: the largest distance [m].
+        """
+        model, data = self.model, self.data
+        tree, found = model.body_rootid, np.full(1, -1, dtype=np.int32)
+        body_id, direction = self.body_ids[root], velocity / np.linalg.norm(velocity)
+        geoms = np.flatnonzero(tree[model.geom_bodyid] == body_id)
+        for geom in geoms.tolist():
+            center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+            points = np.concatenate([center[None], center + 0.9 * half * _CORNERS])
+            for point in points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]:
+                distance_m = mujoco.mj_ray(model, data, point, direction, None, 1, body_id, found)
+                other = int(found[0])
+                if other < 0 or distance_m > within_m or tree[model.geom_bodyid[other]] == body_id:
+                    continue
+                is_plane = model.geom_type[other] == int(mujoco.mjtGeom.mjGEOM_PLANE)
+                if model.geom_contype[other] and not is_plane and model.geom_solref[other, 1] >= 1.0:
+                    yield distance_m, 2 * float(model.geom_aabb[other, 3:].min()), float(model.geom_friction[other, 0])
 
     def forward(self) -> None:
         """Computes all that depends on the state, such as contacts; the arena grows if it is exhausted.
@@ -174,7 +385,10 @@ class CompiledModel:
 
     def __getstate__(self) -> tuple[None, dict[str, object]]:
         """The state to pickle, without the data that are allocated again when they are needed."""
-        return None, {each.name: getattr(self, each.name) for each in fields(self)} | {"before": None}
+        return None, {each.name: getattr(self, each.name) for each in fields(self)} | {
+            "before": None,
+            "divided": None,
+        }
 
     def __setstate__(self, state: object) -> None:
         """Restores a pickled model, whose data lack MuJoCo's lists of awake bodies."""
@@ -193,12 +407,15 @@ class CompiledModel:
             removed: ids of the bodies to omit.
             remaining_joints: ids of the joints to keep.
         """
+
+        def kept(addresses: Mapping[BodyId, T]) -> dict[BodyId, T]:
+            return {id: address for id, address in addresses.items() if id not in removed}
+
         return replace(
             self,
-            body_ids={id: body_id for id, body_id in self.body_ids.items() if id not in removed},
-            free_joint_addresses={
-                id: addresses for id, addresses in self.free_joint_addresses.items() if id not in removed
-            },
+            body_ids=kept(self.body_ids),
+            free_joint_addresses=kept(self.free_joint_addresses),
+            kinematic_addresses=kept(self.kinematic_addresses),
             joints={id: joint for id, joint in self.joints.items() if id in remaining_joints},
         )
 
@@ -212,7 +429,7 @@ class CompiledModel:
         data = self.data
         data.time = state.time_s
         data.qpos[:], data.qvel[:] = state.qpos, state.qvel
-        data.mocap_pos[:], data.mocap_quat[:] = state.mocap_pos, state.mocap_quat
+        self.motions, self.kinematic_state = {}, None
         data.tree_asleep[:] = _FULLY_AWAKE
         self.poses_outdated = False
         if _UPDATE_SLEEP is not None:
@@ -225,15 +442,28 @@ class CompiledModel:
     def state(self) -> CompiledState:
         """A copy of the state."""
         data = self.data
-        return CompiledState(
-            data.qpos.copy(), data.qvel.copy(), data.mocap_pos.copy(), data.mocap_quat.copy(), float(data.time)
-        )
+        return CompiledState(data.qpos.copy(), data.qvel.copy(), float(data.time))
 
     def update_poses(self) -> None:
         """Computes the poses of bodies and geoms in `data` if time has advanced."""
         if self.poses_outdated:
             mujoco.mj_kinematics(self.model, self.data)
             self.poses_outdated = False
+
+    def include_pairs(self, pairs: Iterable[tuple[BodyId, BodyId]]) -> None:
+        """Lets excluded pairs collide, in a copy of the model, since forks share it.
+
+        MuJoCo searches the sorted signatures of excluded pairs: each one is overwritten by a neighbor that stays.
+        """
+        self.model = copy.copy(self.model)
+        signatures = self.model.exclude_signature
+        ends = np.sort([[self.body_ids[id] for id in pair] for pair in pairs], axis=1)
+        kept = np.flatnonzero(~np.isin(signatures, (ends[:, 0] << 16) + ends[:, 1]))
+        if len(kept):
+            nearest = np.searchsorted(kept, np.arange(len(signatures))).clip(max=len(kept) - 1)
+            signatures[:] = signatures[kept[nearest]]
+        else:
+            signatures[:] = 0  # no pair has this one
 
     def poses(self) -> Array:
         """All poses, n x 7, in the order of `rows`."""
@@ -260,6 +490,8 @@ def _update_sleep() -> Callable[[int, int], object] | None:
 
 
 _UPDATE_SLEEP = _update_sleep()
+_TOLERANCE = 1e-8
+"""MuJoCo's default."""
 _FULLY_AWAKE = -(1 + mujoco.mjMINAWAKE)
 """MuJoCo increments this value in every step in which a tree does not move; at 0 the tree sleeps."""
 
@@ -286,6 +518,12 @@ def transfer_state(
         commands: the commands of actuators; an actuator without one gets its position.
     """
     data = new.data
+    if old is not None:
+        new.motions = {
+            root: motion
+            for root, motion in old.motions.items()
+            if root in new.kinematic_addresses and root in old.body_ids and root not in at_rest
+        }
     for root, (_, velocity) in new.free_joint_addresses.items():
         if old is not None and root in old.body_ids and root not in at_rest:  # scenery has no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, root)
@@ -521,6 +759,13 @@ def _update_mass_constants(compiled: CompiledModel, factors: Mapping[BodyId, flo
             needs_mujoco = True
     if needs_mujoco:
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def set_tolerance(model: Any, kinematic_dofs: NDArray[np.intp]) -> None:
+    """Sets the tolerance of the solver, which is relative to the mean inertia, as if kinematic bodies had none."""
+    inertia = np.delete(model.dof_M0, kinematic_dofs)
+    if kinematic_dofs.size and inertia.size:
+        model.opt.tolerance = _TOLERANCE * inertia.mean() / model.dof_M0.mean()
 
 
 class ContactPoints(NamedTuple):

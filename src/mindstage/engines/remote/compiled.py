@@ -33,6 +33,7 @@ from mindstage.engines.base import Actuator, Capability, PoseArray, SpawnNote, S
 from mindstage.engines.editing import EditingEngine, Performed, is_moved, unsupported_edit
 from mindstage.engines.edits import RestoreBodies, SetActuators, SimulatedBodies
 from mindstage.engines.entity_registry import EntityRegistry, pose_error
+from mindstage.engines.ground import Ground
 from mindstage.engines.kinematic_tree import coupled_body_poses
 from mindstage.engines.physics_model import (
     BodyModel,
@@ -74,6 +75,9 @@ from mindstage.scene.transforms import (
 __all__ = ["CompiledRemoteEngine", "ModelState"]
 
 
+_NO_GROUND = GroundDelta(height_m=None)
+
+
 @dataclass(frozen=True, slots=True)
 class ModelState:
     """The part of a physics model that was sent to a remote engine."""
@@ -81,7 +85,7 @@ class ModelState:
     bodies: Mapping[BodyId, BodyModelDelta] = field(default_factory=dict)
     excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
     joints: Mapping[BodyId, JointModelDelta] = field(default_factory=dict)
-    ground_height_m: float | None = None
+    ground: GroundDelta = _NO_GROUND
 
     @classmethod
     def from_builder(cls, builder: PhysicsModelBuilder) -> ModelState:
@@ -91,7 +95,7 @@ class ModelState:
             bodies={id: _body_change(each) for id, each in model.bodies.items()},
             excluded_pairs=model.excluded_pairs,
             joints={id: _joint_change(each) for id, each in model.joints.items()},
-            ground_height_m=model.ground_height_m,
+            ground=_ground_change(model.ground),
         )
 
     def diff_to(self, target: ModelState, *, poses: Mapping[BodyId, Pose] | None = None) -> PhysicsModelDelta:
@@ -112,10 +116,12 @@ class ModelState:
             ),
             joints=joints,
             poses=dict(poses or {}),
-            ground=None
-            if self.ground_height_m == target.ground_height_m
-            else GroundDelta(height_m=target.ground_height_m),
+            ground=None if self.ground == target.ground else target.ground,
         )
+
+
+def _ground_change(ground: Ground | None) -> GroundDelta:
+    return _NO_GROUND if ground is None else GroundDelta(height_m=ground.height_m, area=ground.area)
 
 
 def _body_change(model: BodyModel) -> BodyModelDelta:
@@ -404,6 +410,11 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
     def notes(self) -> tuple[SpawnNote, ...]:
         return tuple(self._builder.late_notes)
 
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """See `AssumingEngine`."""
+        return self._builder.assumptions
+
     def _stop_fallen(self) -> None:
         """Makes bodies static that fell far below the place, as far as the last step returned poses."""
         bounds, rows = self._builder.bounds, self._pose_rows
@@ -499,8 +510,8 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         world = super().snapshot()
         immovable = frozenset(before.registry.immovable)
         builder.apply(Spawn(world, geometry=before.geometry, immovable=immovable, settle=False), np.zeros((0, 7)))
-        builder.ground_height_m, builder.late_notes = before.ground_height_m, before.late_notes
-        self._commit(builder, ModelState(ground_height_m=before.ground_height_m))
+        builder.ground, builder.late_notes = before.ground, before.late_notes
+        self._commit(builder, ModelState(ground=_ground_change(before.ground)))
 
     def _reset(self) -> None:
         self._commit(PhysicsModelBuilder(), ModelState())

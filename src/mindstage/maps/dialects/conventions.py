@@ -22,6 +22,7 @@ __all__ = [
     "QuaternionOrder",
     "SizeFrame",
     "UnitConventions",
+    "UnstatedMobility",
 ]
 
 
@@ -87,6 +88,14 @@ class SizeFrame(StrEnum):
     """Along the axes of the world, of one individual of the class (Unreal's loggers until June 2021)."""
 
 
+class UnstatedMobility(StrEnum):
+    """The mobility of bodies for which a map does not give it."""
+
+    BY_CLASS = "by-class"
+    """Dynamic if their class is portable and something is below them, otherwise static."""
+    STATIC = "static"
+
+
 class UnitConventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Conventions of one map's numbers; None in a field leaves the decision to the reader."""
 
@@ -94,6 +103,7 @@ class UnitConventions(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     frame: Handedness | None = None
     quaternion: QuaternionOrder | None = None
     sizes: SizeFrame | None = None
+    mobility: UnstatedMobility | None = None
 
 
 SI = UnitConventions(units=LengthUnit.METERS, frame=Handedness.ROS, quaternion=QuaternionOrder.WXYZ)
