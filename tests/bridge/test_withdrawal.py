@@ -99,7 +99,7 @@ def test_the_default_timeout_starts_anew_while_the_queue_moves(
     for number in range(3):
         gate.wait_begun()
         expired = threading.Event()
-        limited_node._loop.call(limited_node._loop.loop.call_later, 0.8 * SHORT_S, expired.set)
+        limited_node._loop.call(limited_node._loop.loop.call_later, 0.6 * SHORT_S, expired.set)
         assert expired.wait(TIMEOUT_S)
         gate.open(1)
         assert answer(raw_client, number)["result"] is True
