@@ -143,6 +143,7 @@ def test_the_friction_and_the_height_of_a_push_decide_whether_a_pillar_tips(sim:
     low = sim.ask("would_tip", "Pillar", 6.0, height_m=0.02)
     assert not low
     assert "Pillar is not tipped by 6 N: it tilts by" in reasons(low)
+    assert "Pillar is not tipped by 0 N: it tilts by" in reasons(sim.ask("would_tip", "Pillar", 0.0))
 
 
 # -- what fits, and opens ----------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.scene.edits import Delete, SetPoses
 from mindstage.simulation import Simulation
-from tests.engines.scenes import room
+from tests.engines.scenes import body, room, world
 
 
 @pytest.fixture(scope="module")
@@ -229,3 +229,13 @@ def test_the_arrays_of_a_published_state_cannot_be_written(sim: Simulation) -> N
         sim.step(0.1)
     with sim.fork(threaded=False) as copy, pytest.raises(ValueError, match="read-only"):
         copy.state.poses += 1.0
+
+
+def test_a_return_to_the_start_from_an_empty_world_forgets_no_world(sim: Simulation) -> None:
+    sim.spawn(room())
+    later = world(body("later", (3, 3, 1), (0.2, 0.2, 0.2), "dynamic", 1.0))
+    sim.spawn(later)
+    sim.apply(Delete(sim.state.ids))
+    sim.reset(to_start=True, keep_spawned=True)
+    assert later in sim.worlds
+    assert set(sim.state.ids) == {each.id for each in room().bodies}

@@ -486,12 +486,13 @@ def _missing_tip(kb: QuestionContext, asked: AskedArguments) -> Iterator[Missing
     if asked.thing is None:
         yield missing_arguments("give thing: all things are not pushed")
         return
+    push_n = asked.plain("push_n", float)
     yield from why_not(
         kb,
         asked.present,
         (asked.thing,),
         asked.map,
-        f"is not tipped by {asked.plain('push_n', float) or 5.0:g} N",
+        f"is not tipped by {5.0 if push_n is None else push_n:g} N",
     )
 
 

@@ -11,7 +11,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -491,29 +491,30 @@ class Simulation:
         """
 
         def reset(engine: Engine) -> None:
-            present = set(engine.poses()[0])
+            start, present = self._start or StartState(), set(engine.poses()[0])
             self._perturbations.clear()
             self._error, self._fault = "", None
             if to_start:
-                self._restore_start(engine, self.start_ids, present if keep_spawned else ())
+                self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
             else:
                 self._restore(engine, self._initial_state, self._worlds)
             self._controllers.reset(engine)
+            if to_start:
+                self._return_to(start, engine, kept=present if keep_spawned else None)
             self._highlights.reapply(engine)
 
         self.engine.run(reset, label="reset", edits=True, timeout_s=self.timeout_s * 3)
         if to_start:
             self.edits.clear()
 
-    def _restore_start(self, engine: Engine, start_ids: frozenset[BodyId], kept: Collection[BodyId]) -> None:
-        start = self._start or StartState()
-        later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
-        self._restore(engine, start.state, (*start.worlds, *start.temporary_worlds))
+    def _return_to(self, start: StartState, engine: Engine, *, kept: set[BodyId] | None) -> None:
+        """Forgets what came after the start, except for the bodies that are kept, which are spawned again."""
         self._initial_state = start.state
         self.robots.forget_former()
-        if kept:
-            added = set(kept) - start_ids
-            self._respawn(engine, (world_with_bodies(world, added, start_ids) for world in later))
+        if kept is not None:
+            later = (*self._worlds[len(start.worlds) :], *self._temporary_worlds[len(start.temporary_worlds) :])
+            added = kept - self.start_ids
+            self._respawn(engine, (world_with_bodies(world, added, self.start_ids) for world in later))
         else:
             self._worlds, self._temporary_worlds = start.worlds, start.temporary_worlds
             self._reports = self._reports[: start.report_count]
