@@ -18,7 +18,7 @@ from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.rdf_mapping.properties import MOBILITY
 from mindstage.rdf.graphs import Severity
 from mindstage.scene import Body, BodyId, Iri, Mobility, World
-from mindstage.scene.bounding_boxes import OrientedBoxes, footprints, polygon_overlap_areas
+from mindstage.scene.bounding_boxes import OrientedBoxes, footprints, overlapping_pairs, polygon_overlap_areas
 from mindstage.scene.display import counted
 from mindstage.scene.transforms import normalize, pose_array
 
@@ -65,6 +65,7 @@ def with_portable_bodies(world: World, source_map: SourceMap, rule_of: Callable[
 
 
 def _is_portable(rule: ShapeRule) -> bool:
+    """Whether people carry what has this rule; a word inside the name of its class is not enough."""
     return rule.mounting is Mounting.PORTABLE and not rule.mounting_is_weak
 
 
@@ -83,18 +84,17 @@ def _supported(world: World, portable: list[Body], rule_of: Callable[[Iri], Shap
     poses[:, 3:] = normalize(poses[:, 3:])
     sizes = np.array([each.size or rule_of(each.cls).size or (0.0, 0.0, 0.0) for each in bodies], dtype=float)
     boxes = OrientedBoxes.from_poses(poses, sizes)
-    (low, high), polygons = boxes.bounds(), footprints(boxes)
-    row_of = {each.id: row for row, each in enumerate(bodies)}
-    found = set[BodyId]()
-    for each in portable:
-        row = row_of.get(each.id)
-        if row is None or not sizes[row].all():
-            continue
-        beneath = np.abs(low[row, 2] - np.stack([high[:, 2], low[:, 2]])) <= _MAX_GAP_M
-        contains = (low[:, 2] <= low[row, 2]) & (high[:, 2] >= high[row, 2])
-        rows = np.flatnonzero(beneath[0] | (beneath[1] & contains))
-        rows = rows[rows != row]
-        areas = polygon_overlap_areas(polygons, np.full(len(rows), row), rows)
-        if (areas > _MIN_COMMON_AREA_M2).any():
-            found.add(each.id)
+    (low, high), polygons, asked = boxes.bounds(), footprints(boxes), {each.id for each in portable}
+    is_asked = np.array([each.id in asked for each in bodies], dtype=bool) & sizes.all(axis=1)
+    any_body, found = np.ones(len(bodies), dtype=bool), set[BodyId]()
+    for first, second in overlapping_pairs(boxes, is_asked, any_body, margin=(0.0, 0.0, _MAX_GAP_M)):
+        upper, lower = np.concatenate([first, second]), np.concatenate([second, first])
+        # The underside is at the top of another body, or at the underside of one that is as high, such as a basket.
+        on_top = np.abs(low[upper, 2] - high[lower, 2]) <= _MAX_GAP_M
+        on_bottom = (low[upper, 2] >= low[lower, 2]) & (low[upper, 2] - low[lower, 2] <= _MAX_GAP_M)
+        contained = on_bottom & (high[lower, 2] >= high[upper, 2])
+        near = is_asked[upper] & (on_top | contained)
+        upper, lower = upper[near], lower[near]
+        stands = polygon_overlap_areas(polygons, upper, lower) > _MIN_COMMON_AREA_M2
+        found.update(bodies[row].id for row in upper[stands].tolist())
     return found

@@ -2,9 +2,8 @@
 
 Static bodies are fixed to MuJoCo's world, and so are kinematic ones until one of them is moved; from then on they are
 so heavy that nothing changes their prescribed velocities (see `CompiledModel.set_kinematic_pose`). Dynamic bodies have
-free joints, or joints of kinematic trees. An edit only marks the model as stale; the
-next call that needs physics compiles a new model, once for all edits, and transfers the running state to it (see
-`transfer_state`).
+free joints, or joints of kinematic trees. An edit only marks the model as stale; the next call that needs physics
+compiles a new model, once for all edits, and transfers the running state to it (see `transfer_state`).
 """
 
 from __future__ import annotations
@@ -324,9 +323,9 @@ class ModelCache:
         velocities = compiled.data.qvel[compiled.free_velocities]
         if np.abs(velocities).max(initial=0.0) > _MIN_FAST_SPEED:
             compiled.update_poses()
-            roots = list(compiled.free_joint_addresses)
+            roots, pressed = list(compiled.free_joint_addresses), compiled.pressed_trees()
             for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > _MIN_FAST_SPEED).tolist():
-                if not compiled.is_pressed(roots[row]):
+                if compiled.body_ids[roots[row]] not in pressed:
                     self._check_fast(compiled, roots[row], velocities[row])
 
     def _check_fast(self, compiled: CompiledModel, id: BodyId, velocity: Array) -> None:

@@ -334,11 +334,11 @@ class CompiledModel:
             self.divided = self.model, dict(fast), divided
         return self.divided[2]
 
-    def is_pressed(self, root: BodyId) -> bool:
-        """Whether a loose body is already deep in a contact."""
+    def pressed_trees(self) -> set[int]:
+        """The roots, as MuJoCo numbers bodies, of all trees that are already deep in a contact."""
         contact = self.data.contact
         deep = np.asarray(contact.geom)[np.asarray(contact.dist) < -_DEEP_M]
-        return bool((self.model.body_rootid[self.model.geom_bodyid[deep]] == self.body_ids[root]).any())
+        return set(self.model.body_rootid[self.model.geom_bodyid[deep]].ravel().tolist())
 
     def is_falling(self, root: BodyId) -> bool:
         """Whether nothing carried a loose body in the last step."""
