@@ -68,7 +68,7 @@ class Ground(NamedTuple):
     @property
     def assumption(self) -> str:
         """The assumption in words."""
-        about = self.bodies[0] if len(self.bodies) == 1 else f"{len(self.bodies):,} loose bodies"
+        about = self.bodies[0] if len(self.bodies) == 1 else counted(len(self.bodies), "loose body")
         return f"a ground is assumed at a height of {self.height_m:.3f} m, since the map has none below {about}"
 
 
@@ -237,8 +237,8 @@ def find_ground_height(
         if (np.einsum("ni,ni->n", apart, apart) <= _MAX_GROUND_DISTANCE_M**2).any():
             fixed_m = float(low[row, 2])
             break
-    counted = candidates[low[candidates, 2] >= fixed_m] if fixed_m < np.inf else np.flatnonzero(belongs)
-    heights = np.sort(np.concatenate([low[counted, 2], low[unsupported & belongs, 2]]))
+    considered = candidates[low[candidates, 2] >= fixed_m] if fixed_m < np.inf else np.flatnonzero(belongs)
+    heights = np.sort(np.concatenate([low[considered, 2], low[unsupported & belongs, 2]]))
     gaps = np.diff(heights[: int(len(heights) * _MAX_OUTLIER_FRACTION) + 1])
     outliers = np.flatnonzero(gaps > _MIN_OUTLIER_GAP_M)
     return min(fixed_m, float(heights[outliers[-1] + 1 if len(outliers) else 0]))

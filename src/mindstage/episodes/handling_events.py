@@ -69,8 +69,9 @@ class HandlingDetector:
         self._pulled: dict[BodyId, float] = {}
         """Bodies that a force holds, and since when [s]."""
         self._let_go: dict[BodyId, float] = {}
-        self._first_pull: dict[BodyId, float] = {}  # since when a body in the air does not fall
         """When the force on a body that was held by one ended last [s]."""
+        self._first_pull: dict[BodyId, float] = {}
+        """Since when a body in the air does not fall [s]."""
         self._holders: dict[BodyId, BodyId] = {}
         """The mover of each body that is attached or gripped."""
         self._carries: dict[BodyId, _Carry] = {}
@@ -145,8 +146,9 @@ class HandlingDetector:
                     self._release(id, time_s + begin)
             elif self._contacts.support_counts[row] and not sample.is_moving[row]:
                 self._release(id, sample.rest_s(row, limits.still_m))
-        for id in [id for id in self._first_pull if id not in table.row or not flies[table.row[id]]]:
-            del self._first_pull[id]
+        self._first_pull = {
+            id: since for id, since in self._first_pull.items() if id in table.row and flies[table.row[id]]
+        }
         flying = np.flatnonzero(flies & (time_s - self._clock.since >= limits.held_min_s - _ROUNDING_S))
         for row in flying.tolist():
             id = table.ids[row]

@@ -17,7 +17,7 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 from threading import Event, Lock, Thread
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
@@ -67,7 +67,6 @@ _DRIVE_DIGITS = (7, 5, 3)
 """Digits after the point of positions, velocities and efforts, so that a robot at rest is written once."""
 _NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 _log = logging.getLogger("mindstage.episodes")
-T = TypeVar("T")
 
 
 class RecordedState(Protocol):

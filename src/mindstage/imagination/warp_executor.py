@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from msgspec.structs import replace
@@ -37,8 +37,6 @@ from mindstage.simulation.placement import PlacementResult
 from mindstage.simulation.state import StateSnapshot, find_body
 
 __all__ = ["WarpExecutor"]
-
-T = TypeVar("T")
 
 _MAX_WORLDS, _MAX_WORLDS_ON_CPU = 1024, 64
 _OTHERS = "run it in processes (workers=2) or on Ray (workers='ray')"

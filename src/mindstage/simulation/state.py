@@ -6,7 +6,7 @@ A `StateSnapshot` is immutable and replaced after each tick and call, so it can 
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import msgspec
 
@@ -20,8 +20,6 @@ from mindstage.simulation.engine_thread import EngineAccess
 from mindstage.simulation.highlights import HighlightGroup, Marker
 
 __all__ = ["EngineSession", "SessionEdit", "SimulationBody", "StateSnapshot", "WorldSession", "find_body", "poses_in"]
-
-T = TypeVar("T")
 
 
 class StateSnapshot(msgspec.Struct, frozen=True, eq=False):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -38,18 +37,6 @@ FORM = BodyGeometry(
     collision_shapes=(CollisionShape(size=(0.1, 0.2, 0.3)),),
     shape_name="wedge",
 )
-
-
-@pytest.fixture(scope="module")
-def running(godot: Path) -> Iterator[GodotEngine]:
-    with closing(GodotEngine(godot, timeout_s=60.0)) as engine:
-        yield engine
-
-
-@pytest.fixture
-def engine(running: GodotEngine) -> Iterator[GodotEngine]:
-    yield running
-    running.clear()
 
 
 def test_an_asymmetric_pose_survives_the_axis_conversion(engine: GodotEngine) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,18 +26,6 @@ from tests.engines.contract import current_pose
 
 SAME_M, SAME_RAD = 0.002, np.radians(0.5)
 SAMPLES = ("iai-kitchen-original", "iai-kitchen-spawned", "ameva-task-two", "knowrob1-ccrl", "soma-iai-room")
-
-
-@pytest.fixture(scope="module")
-def running(godot: Path) -> Iterator[GodotEngine]:
-    with closing(GodotEngine(godot, timeout_s=60.0)) as engine:
-        yield engine
-
-
-@pytest.fixture
-def engine(running: GodotEngine) -> Iterator[GodotEngine]:
-    yield running
-    running.clear()
 
 
 class Kitchen(NamedTuple):
