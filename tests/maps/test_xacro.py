@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -243,6 +244,21 @@ def test_the_expansion_of_macros_has_a_time_limit(file: Path) -> None:
     file.write_text(robot_urdf("<link name='${1}'/>", extra_attributes=_XACRO), encoding="utf-8")
     with pytest.raises(SourceParseError, match=r"did not expand it within 0\.001 s"):
         expand_xacro(file, RosPackagePath(), timeout_s=0.001)
+
+
+def test_a_process_that_reads_no_task_is_a_failure_of_the_expansion(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file.write_text(robot_urdf("<link name='${1}'/>", extra_attributes=_XACRO), encoding="utf-8")
+
+    def start() -> subprocess.Popen[bytes]:
+        process = subprocess.Popen(["true"], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        return process
+
+    monkeypatch.setattr("mindstage.maps.urdf.xacro_process._start", start)
+    with pytest.raises(SourceParseError, match="its process ended with"):
+        expand_xacro(file, RosPackagePath())
 
 
 def _include(folder: Path, *names: str) -> SourceParseError | None:

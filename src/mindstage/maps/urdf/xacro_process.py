@@ -6,6 +6,7 @@ which sends the contents of files in the folders that are granted.
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import json
 import os
@@ -178,7 +179,8 @@ def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TI
         process.wait()
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
-                pipe.close()
+                with contextlib.suppress(BrokenPipeError):  # of a request that the process did not read
+                    pipe.close()
     if outcome is None:
         if expired.is_set():
             raise SourceParseError(str(path), cause=f"xacro did not expand it within {timeout_s:g} s")
