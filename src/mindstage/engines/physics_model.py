@@ -306,6 +306,17 @@ class PhysicsModelBuilder:
         """Whether a body collides with the ground: loose bodies do, unless they were below it."""
         return self.ground is not None and id not in self._below_ground and self.is_loose(id)
 
+    def simulation_flags(self) -> frozenset[tuple[str, BodyId]]:
+        """What is decided about bodies with yes or no, and matters for their models."""
+        sets = {
+            "non-colliding": self.collision_filter.non_colliding,
+            "immovable": self.registry.immovable,
+            "below ground": self._below_ground,
+            "loose": self.loose_roots,
+            "weightless": self.actuators.weightless,
+        }
+        return frozenset((name, id) for name, ids in sets.items() for id in ids)
+
     @property
     def assumptions(self) -> tuple[str, ...]:
         """See `AssumingEngine`."""
