@@ -226,6 +226,8 @@ class MujocoEngine(EditingEngine):
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
+            for id, _, _ in self._forces:
+                cache.model_of(id)  # its region is awake from now on
             is_changed = cache.check(has_forces=has_forces)
             if has_forces and (is_changed or not is_pushed):
                 self._apply_forces(cache)

@@ -192,7 +192,9 @@ class ModelCache:
             poses: the result of `poses`, if the caller has it already.
         """
         tables = WorldTables(self.builder, kinematics_driven=self._kinematics_driven)
-        return self._limited(tables.model_input(self.builder, self.poses() if poses is None else poses, self._timestep_s))
+        return self._limited(
+            tables.model_input(self.builder, self.poses() if poses is None else poses, self._timestep_s)
+        )
 
     def _limited(self, model_input: ModelInput, *before: CompiledModel) -> ModelInput:
         """The input with the sizes of the arena: the largest one, and how much the models before it have used."""
@@ -526,7 +528,10 @@ class ModelCache:
         bodies = tables.bodies_of(units)
         owners = {id: homes[id].compiled for id in tables.ids if id in bodies and id in homes}
         if is_whole:
-            box, model_input = np.array([[-np.inf] * 3, [np.inf] * 3]), tables.model_input(self.builder, poses, self._timestep_s)
+            box, model_input = (
+                np.array([[-np.inf] * 3, [np.inf] * 3]),
+                tables.model_input(self.builder, poses, self._timestep_s),
+            )
         else:
             low, high = tables.unit_boxes(self._boxes) if unit_boxes is None else unit_boxes
             box = reach_of(low[units], high[units])
@@ -565,9 +570,7 @@ class ModelCache:
             rows = region.rows[region.is_own]
             for known, new in zip(self._boxes, tables.boxes(poses, rows), strict=True):
                 known[rows] = new
-        handovers = find_handovers(
-            tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s
-        )
+        handovers = find_handovers(tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s)
         homes = {id: region for region in self.regions for id in region.bodies}
         nowhere = np.zeros((0, 2, 3))
         compiled = [

@@ -62,7 +62,8 @@ class WorldTables:
     """What the models of all regions have in common; valid until the next edit."""
 
     def __init__(self, builder: PhysicsModelBuilder, *, kinematics_driven: bool) -> None:
-        builder.order_forest()
+        if len(builder.registry.ids) <= _MAX_SINGLE_BODIES:
+            builder.order_forest()  # else it costs more than to compile what has changed
         self.kinematics_driven = kinematics_driven
         registry, self.forest = builder.registry, builder.forest
         self.ids = registry.ids
@@ -190,7 +191,12 @@ class WorldTables:
         )  # fmt: skip
 
     def region_input(
-        self, builder: PhysicsModelBuilder, poses: Array, timestep_s: float, units: NDArray[np.bool_], within: NDArray[np.bool_]
+        self,
+        builder: PhysicsModelBuilder,
+        poses: Array,
+        timestep_s: float,
+        units: NDArray[np.bool_],
+        within: NDArray[np.bool_],
     ) -> ModelInput:
         """The input of the model of a region.
 
@@ -216,7 +222,7 @@ class WorldTables:
         return ModelInput(
             builder, poses[rows], timestep_s, {id: bodies[id] for id in ids}, local, self.sizes[rows],
             {id: self.masses[id] for id in ids}, forest.part(roots, fixed=frozen), self._pairs_of(local),
-            self.linked, self.kinematics_driven,
+            self.linked, self.kinematics_driven, is_part=True,
         )  # fmt: skip
 
     def _pairs_of(self, ids: Collection[BodyId]) -> set[tuple[BodyId, BodyId]]:
@@ -335,7 +341,8 @@ class Region:
         """
         self.bodies -= set(bodies)
         self.compiled = self.compiled.without(bodies, remaining_joints=joints)
-        self.is_own &= ~np.fromiter((id in bodies for id in self.compiled.rows), dtype=bool, count=len(self.rows))
+        is_given = np.fromiter((id in bodies for id in self.compiled.rows), dtype=bool, count=len(self.rows))
+        self.is_own = self.is_own & ~is_given  # copies share the array
         self.is_current = False
 
     def joints(self) -> dict[BodyId, ModelJoint]:
@@ -606,7 +613,12 @@ def _cluster_of(unit: int, near: Mapping[int, list[int]], is_awake: NDArray[np.b
 
 
 def _outdated(
-    tables: WorldTables, regions: Sequence[Region], home: Indices, is_awake: NDArray[np.bool_], swept: Boxes, poses: Array
+    tables: WorldTables,
+    regions: Sequence[Region],
+    home: Indices,
+    is_awake: NDArray[np.bool_],
+    swept: Boxes,
+    poses: Array,
 ) -> set[int]:
     """The numbers of regions that are stepped with models that are not current, or in which something has moved away
     that one of their units may meet where it was.

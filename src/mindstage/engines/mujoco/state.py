@@ -613,7 +613,12 @@ def _copy_joint(
 ) -> bool:
     """Copies the state of a joint; False if the joint is new or changed, or one of its bodies was moved."""
     old_joint = None if old is None else old.joints.get(id)
-    if old is None or old_joint is None or old_joint.tree_joint.parent != joint.tree_joint.parent or old_joint.axes != joint.axes:
+    if (
+        old is None
+        or old_joint is None
+        or old_joint.tree_joint.parent != joint.tree_joint.parent
+        or old_joint.axes != joint.axes
+    ):
         return False
     if joint.tree_joint.child in at_rest and joint.tree_joint.parent not in at_rest:
         return False
