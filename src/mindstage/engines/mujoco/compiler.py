@@ -53,6 +53,7 @@ __all__ = [
     "MeshAsset",
     "ModelInput",
     "add_geom",
+    "arena_size",
     "compile_model",
     "contact_options",
     "cull_static_contacts",
@@ -100,6 +101,16 @@ class ModelInput:
     def is_fixed(self, group: RigidGroup) -> bool:
         """Whether a group is fixed to the world."""
         return is_fixed_group(group, kinematics_driven=self.kinematics_driven)
+
+
+def arena_size(model_input: ModelInput, bodies: int) -> int:
+    """The size of the arena of a new model [bytes].
+
+    Args:
+        model_input: its input.
+        bodies: the number of MuJoCo's bodies.
+    """
+    return first_arena_size(bodies, used_bytes=model_input.arena_used_bytes, cap_bytes=model_input.arena_cap_bytes)
 
 
 def is_fixed_group(group: RigidGroup, *, kinematics_driven: bool) -> bool:
@@ -776,9 +787,7 @@ class _SpecBuilder:
 
     def compile(self, scenery: list[BodyId]) -> CompiledModel:
         model_input = self.model_input
-        self.spec.memory = first_arena_size(
-            len(self.spec.bodies), used_bytes=model_input.arena_used_bytes, cap_bytes=model_input.arena_cap_bytes
-        )
+        self.spec.memory = arena_size(model_input, len(self.spec.bodies))
         try:
             model = self.spec.compile()
         except ValueError as error:  # the registry should have refused the input

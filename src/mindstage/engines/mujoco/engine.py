@@ -220,18 +220,13 @@ class MujocoEngine(EditingEngine):
         cache.builder.mark_simulated()
         if cache.last_rebuild is not self._measured:
             self._measured, self._step_wall_s = cache.last_rebuild, float("inf")
-        remaining, has_forces, is_pushed = steps, bool(self._forces), False
+        remaining, is_pushed = steps, False
         while remaining > 0:
             count = min(MAX_UNCHECKED_STEPS - cache.unchecked_steps, remaining)
             began_s = time.monotonic()
             if end_s - began_s < count * self._step_wall_s:
                 count = max(1, int((end_s - began_s) / self._step_wall_s))
-            for id, _, _ in self._forces:
-                cache.model_of(id)  # its region is awake from now on
-            is_changed = cache.check(has_forces=has_forces)
-            if has_forces and (is_changed or not is_pushed):
-                self._apply_forces(cache)
-                is_pushed = True
+            is_pushed = self._prepare(cache, is_pushed=is_pushed)
             cache.step(count)
             now_s = time.monotonic()
             self._step_wall_s = (now_s - began_s) / count
@@ -240,21 +235,33 @@ class MujocoEngine(EditingEngine):
                 cache.check_free_bodies()
                 if cache.stale and wall_s < float("inf"):
                     break
-                if cache.stale:  # a body was stopped; the forces of the step still act
-                    cache.update()
-                    is_pushed = False
             if now_s >= end_s:
                 break
-        if has_forces:
-            for region in cache.regions:
-                region.compiled.data.xfrc_applied[:] = 0.0
-            if not remaining:
-                self._forces.clear()
-        for region in cache.regions:
-            cache.late_notes.extend(_check_warnings(region.compiled))
-        if not remaining and not cache.unchecked_steps:
-            cache.check_free_bodies()
+        self._end_step(cache, is_done=not remaining)
         return remaining * self._timestep_s
+
+    def _prepare(self, cache: ModelCache, *, is_pushed: bool) -> bool:
+        """Brings the regions up to date before steps; returns whether the forces of the step act in all of them."""
+        if cache.stale:  # a body was stopped within the step
+            cache.update()
+            is_pushed = False
+        for id, _, _ in self._forces:
+            cache.model_of(id)  # its region is awake from now on
+        is_changed = cache.check(has_forces=bool(self._forces))
+        if self._forces and (is_changed or not is_pushed):
+            self._apply_forces(cache)
+        return True
+
+    def _end_step(self, cache: ModelCache, *, is_done: bool) -> None:
+        """Takes the forces of a step from its regions, reads warnings, and checks falling bodies if that is due."""
+        for region in cache.regions:
+            if self._forces:
+                region.compiled.data.xfrc_applied[:] = 0.0
+            cache.late_notes.extend(_check_warnings(region.compiled))
+        if is_done:
+            self._forces.clear()
+            if not cache.unchecked_steps:
+                cache.check_free_bodies()
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
         cache = self._require_open()

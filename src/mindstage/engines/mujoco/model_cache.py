@@ -16,6 +16,7 @@ from mindstage.engines.entity_registry import EntityRegistry
 from mindstage.engines.kinematic_tree import KinematicForest
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, check_arena
 from mindstage.engines.mujoco.compiler import FIXED_MOBILITIES, ModelInput, compile_model
+from mindstage.engines.mujoco.model_files import stored_model
 from mindstage.engines.mujoco.regions import (
     REGION_BODIES,
     Boxes,
@@ -536,7 +537,8 @@ class ModelCache:
             low, high = tables.unit_boxes(self._boxes) if unit_boxes is None else unit_boxes
             box = reach_of(low[units], high[units])
             model_input = tables.region_input(self.builder, poses, self._timestep_s, units, box_meets(box, self._boxes))
-        compiled = compile_model(self._limited(model_input, *{id(each): each for each in owners.values()}.values()))
+        self._limited(model_input, *{id(each): each for each in owners.values()}.values())
+        compiled = compile_model(model_input) if owners else stored_model(model_input)
         compiled.data.time = self._time_s
         if compiled.actuators.names:
             self._report_limited(limit_stiffness(compiled))

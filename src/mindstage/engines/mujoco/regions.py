@@ -414,7 +414,7 @@ def divide_units(tables: WorldTables, boxes: Boxes, units: Indices) -> list[Indi
     return sorted(parts, key=lambda part: int(part[0]))
 
 
-def _halves(part: Indices, centers: Array, sizes: Array) -> tuple[Indices, Indices]:
+def _halves(part: Indices, centers: Array, sizes: NDArray[Any]) -> tuple[Indices, Indices]:
     """Divides clusters at the widest gap that leaves at least a quarter of the bodies on each side."""
     best: tuple[float, int, NDArray[np.intp], int] | None = None
     for axis in range(3):
@@ -532,7 +532,7 @@ class Handovers(NamedTuple):
     """What has to change before time goes on."""
 
     regions: list[tuple[NDArray[np.bool_], int | None]]
-    """The units of each region that needs another model, and the number of the region that it was; None if it is new."""
+    """The units of each region that needs another model, and the number that it had; None for a new region."""
     resting: list[int]
     """The numbers of regions in which only sleeping units are left."""
     swept: Boxes
@@ -620,8 +620,9 @@ def _outdated(
     swept: Boxes,
     poses: Array,
 ) -> set[int]:
-    """The numbers of regions that are stepped with models that are not current, or in which something has moved away
-    that one of their units may meet where it was.
+    """The numbers of regions whose models are wrong where one of their units may be until the next check.
+
+    Either they are not current, or something has moved away that a unit may meet where it was.
     """
     found = set()
     for number, region in enumerate(regions):
