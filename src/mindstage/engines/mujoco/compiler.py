@@ -91,8 +91,8 @@ class ModelInput:
     """Whether kinematic bodies are moved; until then they are fixed like static ones, which costs nothing."""
     has_mocap_bodies: bool = False
     """Whether kinematic bodies that are moved are mocap bodies, as in files, and not those of `set_kinematic_pose`."""
-    is_part: bool = False
-    """Whether it is a part of a larger world, and has to be computed as that is."""
+    is_divisible: bool = False
+    """Whether the world is so large that it has regions, which have to move as the whole world would, bit for bit."""
     arena_used_bytes: int = 0
     """How much of its arena the model before it has used."""
     arena_cap_bytes: int = ARENA_CAP_BYTES
@@ -522,7 +522,7 @@ class _SpecBuilder:
         if self.driven_roots:
             self.spec.default.geom.solimp[0] = _DRIVEN_IMPEDANCE
         option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
-        if self.model_input.is_part:  # as MuJoCo chooses for 60 degrees of freedom, with a difference in the last bits
+        if self.model_input.is_divisible:  # as MuJoCo chooses for 60 degrees of freedom; the last bits depend on it
             option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged state must not be reset silently
         self.spec.compiler.degree = False

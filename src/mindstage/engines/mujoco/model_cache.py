@@ -551,6 +551,7 @@ class ModelCache:
             changed_boxes,
             self.builder.actuators.commands,
             is_first=self.tables is None,
+            is_same_world=tables is self.tables and not self._scales,
         )
         if scales := {id: scale for id, scale in self._scales.items() if id in compiled.rows}:
             scale_model(compiled, self.forest.root_of, scales)

@@ -149,7 +149,8 @@ def _digest(model_input: ModelInput) -> str:
 
     content = (
         _program(), model_input.timestep_s, model_input.kinematics_driven, model_input.has_mocap_bodies,
-        model_input.is_part, arena_size(model_input, len(model_input.rows)), model_input.poses.tobytes(), model_input.sizes.tobytes(),
+        model_input.is_divisible, arena_size(model_input, len(model_input.rows)), model_input.poses.tobytes(),
+        model_input.sizes.tobytes(),
         [body(id) for id in model_input.rows],
         [(each.root, each.mobility, each.mass_kg, each.bodies) for each in forest.groups.values()],
         [(root, *joint(each)) for root, each in forest.tree_joints.items()],

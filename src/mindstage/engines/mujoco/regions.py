@@ -187,7 +187,7 @@ class WorldTables:
         """The input of one model for the whole world; the builder is that of the tables, or a copy."""
         return ModelInput(
             builder, poses, timestep_s, builder.registry.bodies, self.rows, self.sizes, self.masses,
-            self.forest, self.excluded_pairs, self.linked, self.kinematics_driven,
+            self.forest, self.excluded_pairs, self.linked, self.kinematics_driven, is_divisible=not self.is_single,
         )  # fmt: skip
 
     def region_input(
@@ -222,7 +222,7 @@ class WorldTables:
         return ModelInput(
             builder, poses[rows], timestep_s, {id: bodies[id] for id in ids}, local, self.sizes[rows],
             {id: self.masses[id] for id in ids}, forest.part(roots, fixed=frozen), self._pairs_of(local),
-            self.linked, self.kinematics_driven, is_part=True,
+            self.linked, self.kinematics_driven, is_divisible=True,
         )  # fmt: skip
 
     def _pairs_of(self, ids: Collection[BodyId]) -> set[tuple[BodyId, BodyId]]:

@@ -509,6 +509,7 @@ def transfer_state(
     commands: dict[str, float],
     *,
     is_first: bool = False,
+    is_same_world: bool = False,
 ) -> None:
     """Sets the state of a new model from that of the models before it.
 
@@ -522,19 +523,25 @@ def transfer_state(
             there wake up.
         commands: the commands of actuators; an actuator without one gets its position.
         is_first: whether there was no model before, so that all joints are as they were spawned.
+        is_same_world: whether nothing was edited since: then bodies go on as if they had stayed in their model, bit for
+            bit.
     """
     data = new.data
+    if is_same_world:
+        _copy_constants(owners, new)
     for root in new.kinematic_addresses:
         old = owners.get(root)
         if old is not None and root in old.motions and root not in at_rest:
             new.motions[root] = old.motions[root]
-    for root, (_, velocity) in new.free_joint_addresses.items():
+    for root, (position, velocity) in new.free_joint_addresses.items():
         old = owners.get(root)
         if old is not None and root in old.body_ids and root not in at_rest:  # scenery has no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, root)
             if root in old.free_joint_addresses:
-                old_dof = old.free_joint_addresses[root][1]
+                old_qpos, old_dof = old.free_joint_addresses[root]
                 data.qacc_warmstart[velocity : velocity + 6] = old.data.qacc_warmstart[old_dof : old_dof + 6]
+                if is_same_world:
+                    data.qpos[position : position + 7] = old.data.qpos[old_qpos : old_qpos + 7]
     for id, joint in new.joints.items():
         if not is_first and not _copy_joint(owners.get(joint.tree_joint.child), new, id, joint, at_rest):
             set_joint_coordinates(new, joint, current_joint_coordinates(joint, poses, joint_frames[id]))
@@ -543,7 +550,55 @@ def transfer_state(
             commands.setdefault(name, sign * data.qpos.item(address))
         set_commands(new, commands)
     new.forward()
+    if is_same_world:
+        _copy_countdowns(owners, new)
     _keep_asleep(owners, new, changed_boxes)
+
+
+_BODY_CONSTANTS = ("body_invweight0", "body_subtreemass")
+_DOF_CONSTANTS = ("dof_invweight0", "dof_M0", "dof_frictionloss", "dof_damping")
+
+
+def _copy_constants(owners: Mapping[BodyId, CompiledModel], new: CompiledModel) -> None:
+    """Copies what a model derives from masses and from the poses at which it is compiled."""
+    for old, before, now in _common_bodies(owners, new):
+        old_model, model = old.model, new.model
+        for name in _BODY_CONSTANTS:
+            getattr(model, name)[now] = getattr(old_model, name)[before]
+        counts = model.body_dofnum[now]
+        offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        here = np.repeat(model.body_dofadr[now], counts) + offsets
+        there = np.repeat(old_model.body_dofadr[before], counts) + offsets
+        for name in _DOF_CONSTANTS:
+            getattr(model, name)[here] = getattr(old_model, name)[there]
+        joints, old_joints = model.dof_jntid[here], old_model.dof_jntid[there]
+        model.jnt_solref[joints] = old_model.jnt_solref[old_joints]
+        model.jnt_solimp[joints] = old_model.jnt_solimp[old_joints]
+
+
+def _copy_countdowns(owners: Mapping[BodyId, CompiledModel], new: CompiledModel) -> None:
+    """Lets trees that are awake fall asleep as soon as they would have in their models."""
+    for old, before, now in _common_bodies(owners, new):
+        trees, old_trees = new.model.body_treeid[now], old.model.body_treeid[before]
+        counts = old.data.tree_asleep[old_trees]
+        is_awake = counts < 0
+        new.data.tree_asleep[trees[is_awake]] = counts[is_awake]
+
+
+def _common_bodies(
+    owners: Mapping[BodyId, CompiledModel], new: CompiledModel
+) -> Iterator[tuple[CompiledModel, NDArray[np.intp], NDArray[np.intp]]]:
+    """For each model before, the numbers of the bodies in it that move in the new one, and their numbers there."""
+    trees = new.model.body_treeid
+    for old in {id(each): each for each in owners.values()}.values():
+        pairs = [
+            (old.body_ids[body], number)
+            for body, number in new.body_ids.items()
+            if owners.get(body) is old and body in old.body_ids and trees[number] >= 0
+        ]
+        if pairs:
+            before, now = np.array(pairs, dtype=np.intp).T
+            yield old, before, now
 
 
 def set_commands(compiled: CompiledModel, commands: Mapping[str, float]) -> None:
