@@ -462,14 +462,17 @@ class ModelCache:
         """Divides the world among regions, and compiles the models of those in which something has changed."""
         poses, before = self.poses(), self.tables
         self.builder.update_collisions(poses)
-        tables = WorldTables(self.builder, kinematics_driven=self._kinematics_driven)
+        tables = WorldTables(self.builder, kinematics_driven=self._kinematics_driven, before=before)
         changed_boxes: NDArray[np.float64] = np.array(self._changed_boxes).reshape(-1, 2, 3)
         homes = {id: region for region in self.regions for id in region.bodies}
         if self._is_joined or tables.is_single:
             everything = np.ones(len(tables.unit_sizes), dtype=bool)
             regions = [self._compile_region(tables, poses, everything, homes, changed_boxes, is_whole=True)]
         else:
-            self._boxes = tables.boxes(poses, np.arange(len(tables.ids)))
+            if not tables.kept:
+                for region in self.regions:
+                    region.use_rows(tables.rows)
+            self._update_boxes(tables, poses)
             regions = self._divide(tables, before, poses, homes, changed_boxes)
         self.regions, self.tables, self.stale = regions, tables, False
         self._at_rest, self._changed_boxes = set(), []
@@ -488,21 +491,37 @@ class ModelCache:
         boxes = np.concatenate([changed_boxes, np.stack([each[rows] for each in self._boxes], axis=1)])
         regions = []
         for units, region in assign_units(tables, unit_boxes, self.regions, moved=self._at_rest):
-            is_here = np.zeros(len(tables.unit_sizes), dtype=bool)
-            is_here[units] = True
             if (
                 region is None
                 or is_all
                 or not region.is_current
                 or not changed.isdisjoint(region.compiled.rows)
                 or box_meets(region.box, (boxes[:, 0], boxes[:, 1])).any()
-                or region.bodies != tables.bodies_of(is_here)
+                or not tables.has_bodies(units, region)
             ):
+                is_here = np.zeros(len(tables.unit_sizes), dtype=bool)
+                is_here[units] = True
                 region = self._compile_region(tables, poses, is_here, homes, changed_boxes)
-            else:
-                region.use_rows(tables.rows)
             regions.append(region)
         return regions
+
+    def _update_boxes(self, tables: WorldTables, poses: Array) -> None:
+        """Computes the boxes of the bodies that are new or were moved, and of those that may have moved since then."""
+        count = len(tables.ids)
+        if not tables.kept or len(self._boxes[0]) != tables.kept:
+            rows = np.arange(count)
+            self._boxes = np.empty((count, 3)), np.empty((count, 3))
+        else:
+            is_old = np.zeros(count, dtype=bool)
+            is_old[tables.kept :] = True
+            is_old[[tables.rows[id] for id in self._at_rest]] = True
+            for region in self.regions:
+                if not region.is_resting:
+                    is_old[region.rows[region.is_own]] = True
+            rows, added = np.flatnonzero(is_old), np.zeros((count - tables.kept, 3))
+            self._boxes = np.concatenate([self._boxes[0], added]), np.concatenate([self._boxes[1], added])
+        for known, new in zip(self._boxes, tables.boxes(poses, rows), strict=True):
+            known[rows] = new
 
     def _compile_region(
         self,
@@ -527,7 +546,7 @@ class ModelCache:
             unit_boxes: boxes within which the units are for some time; by default their present ones.
         """
         bodies = tables.bodies_of(units)
-        owners = {id: homes[id].compiled for id in tables.ids if id in bodies and id in homes}
+        owners = {id: homes[id].compiled for id in sorted(bodies, key=tables.rows.__getitem__) if id in homes}
         if is_whole:
             box, model_input = (
                 np.array([[-np.inf] * 3, [np.inf] * 3]),

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress, islice
+from operator import is_not
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,51 +63,92 @@ Boxes = tuple[Array, Array]
 class WorldTables:
     """What the models of all regions have in common; valid until the next edit."""
 
-    def __init__(self, builder: PhysicsModelBuilder, *, kinematics_driven: bool) -> None:
+    def __init__(
+        self, builder: PhysicsModelBuilder, *, kinematics_driven: bool, before: WorldTables | None = None
+    ) -> None:
+        """Reads the world.
+
+        Args:
+            builder: the world.
+            kinematics_driven: whether kinematic bodies are moved.
+            before: the tables before an edit, from which those of a world that has only grown are extended.
+        """
         if len(builder.registry.ids) <= _MAX_SINGLE_BODIES:
             builder.order_forest()  # else it costs more than to compile what has changed
         self.kinematics_driven = kinematics_driven
         registry, self.forest = builder.registry, builder.forest
         self.ids = registry.ids
         self.rows = {id: row for row, id in enumerate(self.ids)}
-        self.sizes = builder.mass_properties.sizes(self.ids)
-        self.masses = builder.masses()
-        self.excluded_pairs = builder.excluded_pairs()
-        self.linked = frozenset(
-            end for pairs in (builder.collision_filter.excluded_pairs, builder.given_excluded_pairs) for pair in pairs
-            for end in pair
-        ) | {end for joint in registry.joints.values() for end in (joint.parent, joint.child)}  # fmt: skip
-        self.local_centers, self.half_extents = self._local_boxes(builder)
-        self._partners: dict[BodyId, list[BodyId]] | None = None
         self.group_roots = list(self.forest.groups)
-        numbers = {root: number for number, root in enumerate(self.group_roots)}
-        self.group_of = np.fromiter(
-            (numbers[self.forest.root_of[id]] for id in self.ids), dtype=np.intp, count=len(self.ids)
+        self.kept = 0 if before is None else before._kept_by(self)
+        """The number of first bodies that are the same as before, with the same rows, groups and units."""
+        self.jointed_pairs: frozenset[tuple[BodyId, BodyId]] = (
+            builder.jointed_pairs() if before is None or not self.kept else before.jointed_pairs
         )
-        """The number of the group of each body."""
-        self.unit_of_group, self.holders = self._units(numbers)
-        """The unit of each group, -1 for fixed ones; and the numbers of the fixed groups that hold each unit."""
+        self.overlapping = frozenset(builder.collision_filter.excluded_pairs | builder.given_excluded_pairs)
+        self.linked = frozenset(end for pair in self.overlapping for end in pair) | {
+            end for joint in registry.joints.values() for end in (joint.parent, joint.child)
+        }
+        self._partners: dict[BodyId, list[BodyId]] | None = None
+        new = self.ids[self.kept :]
+        self.sizes = builder.mass_properties.sizes(new)
+        self.local_centers, self.half_extents = self._local_boxes(builder, new)
+        if before is None or not self.kept:
+            numbers = {root: number for number, root in enumerate(self.group_roots)}
+            root_of = self.forest.root_of
+            self.group_of = np.fromiter((numbers[root_of[id]] for id in self.ids), dtype=np.intp, count=len(self.ids))
+            """The number of the group of each body."""
+            self.unit_of_group, self.holders = self._units(numbers)
+            """The unit of each group, -1 for fixed ones; and the numbers of the fixed groups that hold units."""
+        else:
+            self._extend(before)
         self.unit_of = self.unit_of_group[self.group_of]
         """The unit of each body, -1 for fixed ones."""
-        self.unit_sizes = np.bincount(self.unit_of[self.unit_of >= 0], minlength=len(self.holders))
+        self.unit_sizes = np.bincount(self.unit_of[self.unit_of >= 0])
         """Number of bodies of each unit."""
         moving = np.flatnonzero(self.unit_of >= 0)
         self.moving = moving[np.argsort(self.unit_of[moving], kind="stable")]
         """The rows of the bodies that move, by unit."""
-        self._first = np.searchsorted(self.unit_of[self.moving], np.arange(len(self.holders)))
+        self._first = np.searchsorted(self.unit_of[self.moving], np.arange(len(self.unit_sizes)))
         self._described = _Described.of(builder)
 
-    def _local_boxes(self, builder: PhysicsModelBuilder) -> tuple[Array, Array]:
-        """The box of each body in its own frame: center and half extents, n x 3 [m]."""
-        centers, half = np.zeros((len(self.ids), 3)), self.sizes / 2
+    def _kept_by(self, after: WorldTables) -> int:
+        """The number of bodies here if a world has the same ones, with the same groups, and others after them."""
+        is_extended = (
+            after.forest.tree_joints is self.forest.tree_joints  # else the forest was built anew
+            and after.kinematics_driven == self.kinematics_driven
+            and after.ids[: len(self.ids)] == self.ids
+            and after.group_roots[: len(self.group_roots)] == self.group_roots
+        )
+        return len(self.ids) if is_extended else 0
+
+    def _extend(self, before: WorldTables) -> None:
+        """Adds bodies that are neither attached nor on joints to the tables of a world without them."""
+        first, count = len(before.group_roots), len(before.unit_sizes)
+        self.sizes = np.concatenate([before.sizes, self.sizes])
+        self.local_centers = np.concatenate([before.local_centers, self.local_centers])
+        self.half_extents = np.concatenate([before.half_extents, self.half_extents])
+        numbers = {root: first + number for number, root in enumerate(self.group_roots[first:])}
+        new = np.array([numbers[id] for id in self.ids[self.kept :]], dtype=np.intp)
+        self.group_of = np.concatenate([before.group_of, new])
+        groups = (self.forest.groups[root] for root in numbers)
+        moves = np.array(
+            [not is_fixed_group(each, kinematics_driven=self.kinematics_driven) for each in groups], dtype=bool
+        )
+        units = np.where(moves, count - 1 + np.cumsum(moves), -1).astype(np.intp)
+        self.unit_of_group, self.holders = np.concatenate([before.unit_of_group, units]), before.holders
+
+    def _local_boxes(self, builder: PhysicsModelBuilder, ids: Sequence[BodyId]) -> tuple[Array, Array]:
+        """The box of some bodies in their own frames: centers and half extents, k x 3 [m]."""
+        centers, half = np.zeros((len(ids), 3)), self.sizes / 2
         properties = builder.mass_properties
-        rows = [self.rows[id] for id in properties.geometry if id in self.rows]
+        rows = [row for row, id in enumerate(ids) if id in properties.geometry]
         if rows:
-            low, high = np.array([properties.compiled(self.ids[row]).bounds for row in rows]).transpose(1, 0, 2)
+            low, high = np.array([properties.compiled(ids[row]).bounds for row in rows]).transpose(1, 0, 2)
             centers[rows], half[rows] = (low + high) / 2, (high - low) / 2
         return centers, half
 
-    def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, list[tuple[int, ...]]]:
+    def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, Mapping[int, tuple[int, ...]]]:
         forest = self.forest
         leader: dict[BodyId, BodyId] = {}
         """Of each moving group, the first one of its tree."""
@@ -137,10 +180,10 @@ class WorldTables:
         unit_of_group = np.full(len(numbers), -1, dtype=np.intp)
         for root, tree in leader.items():
             unit_of_group[numbers[root]] = units.setdefault(first(tree), len(units))
-        found: list[set[int]] = [set() for _ in units]
+        found: dict[int, set[int]] = {}
         for root, each in holders.items():
-            found[units[first(leader[root])]] |= each
-        return unit_of_group, [tuple(sorted(each)) for each in found]
+            found.setdefault(units[first(leader[root])], set()).update(each)
+        return unit_of_group, {unit: tuple(sorted(each)) for unit, each in found.items()}
 
     def _couplings(self) -> Iterable[tuple[BodyId, BodyId]]:
         """Pairs of groups that have to be in one model: those of loops, and of joints that follow others."""
@@ -169,6 +212,11 @@ class WorldTables:
         """Whether a body is part of a unit."""
         return bool(self.unit_of[self.rows[id]] >= 0)
 
+    def has_bodies(self, units: Indices, region: Region) -> bool:
+        """Whether some units have exactly the bodies of a region."""
+        own = self.unit_of[region.rows[region.is_own]]
+        return int(self.unit_sizes[units].sum()) == len(region.bodies) and bool(np.isin(own, units).all())
+
     def bodies_of(self, units: NDArray[np.bool_]) -> set[BodyId]:
         """The bodies of some units, by a mask of all units."""
         return {self.ids[row] for row in self.moving[units[self.unit_of[self.moving]]].tolist()}
@@ -186,8 +234,8 @@ class WorldTables:
     def model_input(self, builder: PhysicsModelBuilder, poses: Array, timestep_s: float) -> ModelInput:
         """The input of one model for the whole world; the builder is that of the tables, or a copy."""
         return ModelInput(
-            builder, poses, timestep_s, builder.registry.bodies, self.rows, self.sizes, self.masses,
-            self.forest, self.excluded_pairs, self.linked, self.kinematics_driven, is_divisible=not self.is_single,
+            builder, poses, timestep_s, builder.registry.bodies, self.rows, self.sizes, builder.masses(), self.forest,
+            builder.excluded_pairs(), self.linked, self.kinematics_driven, is_divisible=not self.is_single,
         )  # fmt: skip
 
     def region_input(
@@ -213,7 +261,7 @@ class WorldTables:
         chosen[self.group_of[within]] = True
         chosen |= moves
         for unit in np.flatnonzero(units).tolist():
-            chosen[list(self.holders[unit])] = True
+            chosen[list(self.holders.get(unit, ()))] = True
         rows = np.flatnonzero(chosen[self.group_of])
         ids = [self.ids[row] for row in rows.tolist()]
         roots = [self.group_roots[number] for number in np.flatnonzero(chosen).tolist()]
@@ -221,7 +269,7 @@ class WorldTables:
         local, bodies = {id: row for row, id in enumerate(ids)}, builder.registry.bodies
         return ModelInput(
             builder, poses[rows], timestep_s, {id: bodies[id] for id in ids}, local, self.sizes[rows],
-            {id: self.masses[id] for id in ids}, forest.part(roots, fixed=frozen), self._pairs_of(local),
+            builder.masses(ids), forest.part(roots, fixed=frozen), self._pairs_of(local),
             self.linked, self.kinematics_driven, is_divisible=True,
         )  # fmt: skip
 
@@ -229,25 +277,29 @@ class WorldTables:
         """The excluded pairs of some bodies."""
         if self._partners is None:
             self._partners = {}
-            for a, b in self.excluded_pairs:
+            for a, b in (*self.jointed_pairs, *self.overlapping):
                 self._partners.setdefault(a, []).append(b)
         partners = self._partners
-        return {(a, b) for a in ids if a in partners for b in partners[a] if b in ids}
+        root_of = self.forest.root_of
+        return {(a, b) for a in ids if a in partners for b in partners[a] if b in ids and root_of[a] != root_of[b]}
 
     def changed_since(self, before: WorldTables) -> tuple[set[BodyId], bool]:
         """The bodies that are simulated differently than before, and whether everything is."""
         old, new = before._described, self._described
         changed = set(_differing(old.bodies, new.bodies))
         changed.update(_differing(old.wall_panels, new.wall_panels), _differing(old.attachments, new.attachments))
-        changed.update(_differing(old.shapes, new.shapes), _differing(before.masses, self.masses, equal=True))
+        changed.update(_differing(old.shapes, new.shapes))
         changed |= {id for _, id in old.flags.symmetric_difference(new.flags)}
-        changed.update(*before.excluded_pairs.symmetric_difference(self.excluded_pairs))
+        changed.update(*(before.overlapping ^ self.overlapping))
+        if before.jointed_pairs is not self.jointed_pairs:
+            changed.update(*(before.jointed_pairs ^ self.jointed_pairs))
         for joints, others in ((old.joints, new.joints), (old.simulated, new.simulated)):
             for id in _differing(joints, others):
                 for joint in (joints.get(id), others.get(id)):
                     changed.update(() if joint is None else (joint.parent, joint.child))
-        roots, now = before.forest.root_of, self.forest.root_of
-        changed.update(_differing(roots, now, equal=True))
+        if not self.kept:
+            roots, now = before.forest.root_of, self.forest.root_of
+            changed.update(id for id, root in now.items() if roots.get(id) != root)
         if old.actuators != new.actuators:
             for joint in (each.joint for each in {*old.actuators.values(), *new.actuators.values()}):
                 if found := new.joints.get(joint) or old.joints.get(joint):
@@ -279,13 +331,16 @@ class _Described:
         )  # fmt: skip
 
 
-def _differing(before: Mapping[Any, Any], after: Mapping[Any, Any], *, equal: bool = False) -> list[Any]:
-    """The keys whose values are other objects, or with `equal`, are not equal."""
+def _differing(before: Mapping[Any, Any], after: Mapping[Any, Any]) -> set[Any]:
+    """The keys whose values are other objects, or that are in one mapping only."""
+    count = len(before)
+    if count <= len(after) and list(islice(after, count)) == list(before):  # as in most cases, and then much faster
+        is_other = map(is_not, before.values(), after.values())
+        return {*compress(before, is_other), *islice(after, count, None)}
     missing = object()
-    found = [key for key in before if key not in after]
-    if equal:
-        return found + [key for key, value in after.items() if before.get(key, missing) != value]
-    return found + [key for key, value in after.items() if before.get(key, missing) is not value]
+    return (before.keys() - after.keys()) | {
+        key for key, value in after.items() if before.get(key, missing) is not value
+    }
 
 
 @dataclass(slots=True)
@@ -489,8 +544,8 @@ def assign_units(
     kept = [number for number, each in enumerate(regions) if _is_kept(each)]
     for number in kept:
         region = regions[number]
-        rows = np.array([tables.rows[id] for id in region.bodies if id in tables.rows], dtype=np.intp)
-        units = np.unique(tables.unit_of[rows])
+        rows = region.rows[region.is_own]
+        units = np.unique(tables.unit_of[rows[rows >= 0]])
         units = units[units >= 0]
         if not region.bodies.isdisjoint(moved):
             is_inside = _contains(region.box, (boxes[0][units], boxes[1][units]))
