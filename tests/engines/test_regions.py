@@ -201,6 +201,25 @@ def test_what_moved_away_leaves_nothing_where_it_was() -> None:
     assert abs(current_pose(engine, "slider")[1]) < 0.02
 
 
+def test_what_leaves_its_only_region_meets_what_is_fixed_far_away() -> None:
+    """The world has one region, whose model has only what is near."""
+    block = body("block", (0.0, 0.0, 0.05), (0.4, 0.1, 0.1), "dynamic", 5.0)
+    shelves = [body(f"shelf{n}", (n, 3.0, 0.5), (0.3, 0.3, 1.0)) for n in range(1600)]
+    engine = engine_of(
+        world(body("floor", (0, 0, -0.05), (60, 20, 0.1)), body("wall", (4, 0, 1), (0.2, 2, 2)), block, *shelves)
+    )
+    for _ in range(10):
+        engine.apply_force(BodyId("block"), (500.0, 0.0, 0.0))
+        engine.step(0.01)
+    farthest = 0.0
+    for _ in range(150):
+        engine.step(0.01)
+        farthest = max(farthest, float(current_pose(engine, "block")[0]))
+    assert 3.7 < farthest < 3.9
+    assert len(regions_of(engine)) == 1
+    assert len(engine._cache.regions[0].compiled.rows) < 30
+
+
 def test_a_kinematic_tray_carries_its_load_through_many_regions() -> None:
     boxes = [
         body(f"box{n}", (0.5 * n, y, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(20) for y in (-1.0, 1.0)

@@ -2,8 +2,9 @@
 
 Static bodies are fixed to MuJoCo's world, and so are kinematic ones until one of them is moved; from then on they are
 so heavy that nothing changes their prescribed velocities (see `CompiledModel.set_kinematic_pose`). Dynamic bodies have
-free joints, or joints of kinematic trees. An edit only marks the model as stale; the next call that needs physics
-compiles a new model, once for all edits, and transfers the running state to it (see `transfer_state`).
+free joints, or joints of kinematic trees. A large world has several models (see `regions`). An edit only marks them as
+stale; the next call that needs physics compiles new ones where something has changed, once for all edits, and transfers
+the running state to them (see `transfer_state`).
 """
 
 from __future__ import annotations

@@ -84,7 +84,7 @@ class ModelCache:
         self.last_rebuild: RebuildTime | None = None
         """When the model was compiled last."""
         self._cost_ratio = 1.0
-        """The time that the last rebuild took, divided by what `_usual_rebuild_s` expects."""
+        """The time that the last rebuild took, divided by `_usual_rebuild_s`."""
 
     def copy(self) -> ModelCache:
         """An independent copy, stale if this one is; compiled models are immutable and shared."""
@@ -135,7 +135,7 @@ class ModelCache:
             with_poses: whether the poses of its bodies and geoms are needed.
         """
         self.update()
-        if not (self.tables is not None and len(self.regions) == 1 and self._is_whole()):
+        if not self._is_whole():
             joined = self.copy()
             joined.join()
             return joined.model(with_poses=with_poses)
@@ -146,10 +146,11 @@ class ModelCache:
 
     def join(self) -> None:
         """Makes the world one region, and keeps it one."""
-        self._is_joined, self.stale = True, self.stale or len(self.regions) != 1 or not self._is_whole()
+        self._is_joined, self.stale = True, self.stale or not self._is_whole()
 
     def _is_whole(self) -> bool:
-        return bool(np.isinf(self.regions[0].box).all())
+        """Whether the world is one region."""
+        return len(self.regions) == 1 and bool(np.isinf(self.regions[0].box).all())
 
     def region_of(self, id: BodyId) -> Region | None:
         """The region that simulates a body; None for one that is fixed."""
@@ -447,14 +448,23 @@ class ModelCache:
     @property
     def expected_rebuild_s(self) -> float:
         """How long a rebuild is expected to take [s]."""
-        return self._cost_ratio * _usual_rebuild_s(len(self.registry.ids))
+        return self._cost_ratio * self._usual_rebuild_s()
+
+    def _usual_rebuild_s(self) -> float:
+        """The time of a rebuild as measured for up to eighty kitchens on one core [s]."""
+        bodies = len(self.registry.ids)
+        if self.tables is not None and not self._is_whole():  # the new bodies, and two regions
+            compiled = min(bodies, max(bodies - len(self.tables.ids), 0) + 2 * REGION_BODIES)
+            return 1e-3 + 1e-5 * bodies + 2e-4 * compiled
+        return 1e-3 + 2e-4 * bodies + (4e-7 * bodies**2 if self._is_joined else 0.0)
 
     def _rebuild(self) -> None:
         self.last_rebuild = began = RebuildTime(began_s=time.monotonic())
+        usual_s = self._usual_rebuild_s()
         try:
             self._compile()
             took_s = time.monotonic() - began.began_s
-            self._cost_ratio = took_s / _usual_rebuild_s(len(self.registry.ids))
+            self._cost_ratio = took_s / usual_s
         finally:
             self.last_rebuild = RebuildTime(began_s=began.began_s, ended_s=time.monotonic())
 
@@ -582,7 +592,7 @@ class ModelCache:
     def _hand_over(self) -> None:
         """Lets units that may meet before the next check be in one region, and models have what is near."""
         tables = self.tables
-        if len(self.regions) <= 1 or tables is None:
+        if tables is None or self._is_whole():
             return
         awake = [region for region in self.regions if not region.is_resting]
         if not awake:
@@ -608,11 +618,6 @@ class ModelCache:
         added = [new for (_, place), new in zip(handovers.regions, compiled, strict=True) if place is None]
         kept = [places.get(number, region) for number, region in enumerate(self.regions)]
         self.regions = [region for region in (*kept, *added) if region.bodies]
-
-
-def _usual_rebuild_s(bodies: int) -> float:
-    """The time of a rebuild by the number of bodies, as measured for one and for ten kitchens on one core [s]."""
-    return 1e-3 + 2e-4 * bodies + 4e-7 * bodies**2
 
 
 def _relative_scale(scale: DynamicsScale, before: DynamicsScale | None) -> DynamicsScale:
