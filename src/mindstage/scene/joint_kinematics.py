@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -313,6 +314,7 @@ def is_handle_class(name: str) -> bool:
     return any(word in short_name(name) for word in _HANDLE_WORDS)
 
 
+@lru_cache(maxsize=4096)
 def is_moving_part_class(name: str) -> bool:
     """Whether the name of a class is that of a part of furniture that moves: IAIFridgeDoor, not DoorFrame."""
     words = _NAME_WORD.findall(short_name(name))
