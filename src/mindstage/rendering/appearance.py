@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from mindstage.assets import gltf
 from mindstage.assets.cache import cached_glb
 from mindstage.assets.gltf import GltfWriter
+from mindstage.geometry.orientation import CLOSING_SHAPES, HANDLE_SHAPES
 from mindstage.knowledge.shape_rules import ShapeRule, name_tokens, singular_forms
 from mindstage.scene import (
     AttachedLight,
@@ -32,6 +33,7 @@ from mindstage.scene import (
     CollisionShapeType,
     Color,
     Iri,
+    Mobility,
     PbrMaterial,
     PrimitiveType,
     Vector,
@@ -219,6 +221,12 @@ _MAX_FURNITURE_M = 2.5
 _MAX_THIN_RATIO = 0.35
 """Maximum ratio of the smallest to the second smallest extent of a thin body."""
 _MIN_PANEL_M = 0.15
+_MAX_MOUNTED_M = 0.15
+"""Maximum thickness of what is flat against a wall."""
+_MAX_UPRIGHT_SINE = 0.3
+"""Maximum sine of the slope of the normal of what is upright."""
+_OPERATED_SHAPES = frozenset((*CLOSING_SHAPES, *HANDLE_SHAPES))
+"""Shapes of what is mounted on furniture, which the map may lack."""
 _MIN_FACING_COSINE = 0.9
 """Minimum cosine between the normals of a triangle and the side that it faces."""
 _SOLID_OPACITY = 0.6
@@ -268,6 +276,10 @@ class BodyAppearance:
     """The meshes of the whole body."""
     side: Side | None = field(default=None, compare=False)
     """The side that faces the room, of a body of which only the interior is drawn."""
+    mounted_axis: int | None = field(default=None, compare=False)
+    """The axis across which a fixed body is flat, if it can be mounted on a wall or a ceiling; None for others."""
+    is_hung: bool = field(default=False, compare=False)
+    """Whether such a body is stated to be static: a part of the place that hangs where it does not stand."""
     lights: tuple[AttachedLight, ...] = field(default=(), compare=False, repr=False)
     color: Color = field(default=(0.8, 0.8, 0.8), compare=False)
     """The mean color."""
@@ -338,6 +350,7 @@ class _AppearanceSolver:
         heights = self.center[self.is_object & ~self.is_lamp, 2]
         self.overhead_height = float(np.quantile(heights, 0.9)) if heights.size else np.inf
         self.roots = self._roots({link.child: link.parent for link in world.attachments})
+        self.moving = {self.rows[joint.child] for joint in world.joints if joint.child in self.rows}
         self.mean_colors: dict[str, Color] = {}
         """The mean colors by the key of the appearance."""
         self.wall_door_roots = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.joints]))
@@ -358,6 +371,7 @@ class _AppearanceSolver:
         if (side := self._single_side(row)) is not None:
             key, part = f"{key} from {side}", VisiblePart.INTERIOR
             visuals = tuple(_triangles_facing(visuals, side))
+        mounted = None if building or not self.moving.isdisjoint((row, self.roots[row])) else self._mounted_axis(row)
         if key not in self.mean_colors:
             self.mean_colors[key] = mean_color(visuals)
         return BodyAppearance(
@@ -370,6 +384,8 @@ class _AppearanceSolver:
             visuals=visuals,
             whole_visuals=whole,
             side=side,
+            mounted_axis=mounted,
+            is_hung=mounted is not None and body.physics.mobility is Mobility.STATIC,
             lights=lights,
             color=self.mean_colors[key],
             is_opaque=min((visual.material.opacity for visual in visuals), default=0.0) > _SOLID_OPACITY,
@@ -412,6 +428,17 @@ class _AppearanceSolver:
         if self.is_lamp[row] and self.center[row, 2] > self.overhead_height:
             return self._bottom_side(row)
         return None
+
+    def _mounted_axis(self, row: int) -> int | None:
+        """The axis across which a body is flat, if it is fixed and upright, or above the furniture."""
+        thinnest, next_thinnest = np.sort(self.half[row])[:2]
+        is_flat = thinnest < min(_MAX_THIN_RATIO * next_thinnest, _MAX_MOUNTED_M / 2)
+        shape = self.rules[self.bodies[row].cls].shape_type
+        if not is_flat or self.bodies[row].physics.is_dynamic or shape in _OPERATED_SHAPES:
+            return None
+        axis = int(np.argmin(self.half[row]))
+        is_upright = abs(float(self.rotation[row][2, axis])) < _MAX_UPRIGHT_SINE
+        return axis if is_upright or self.center[row, 2] > self.overhead_height else None
 
     def _is_tall_panel(self, row: int) -> bool:
         height = 2 * float(np.abs(self.rotation[row][2]) @ self.half[row])
