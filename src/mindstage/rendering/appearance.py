@@ -24,6 +24,8 @@ from mindstage.assets.cache import cached_glb
 from mindstage.assets.gltf import GltfWriter
 from mindstage.geometry.orientation import CLOSING_SHAPES, HANDLE_SHAPES
 from mindstage.knowledge.shape_rules import ShapeRule, name_tokens, singular_forms
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import URDF_LINK
 from mindstage.scene import (
     AttachedLight,
     Body,
@@ -32,6 +34,7 @@ from mindstage.scene import (
     CollisionShape,
     CollisionShapeType,
     Color,
+    GeometrySource,
     Iri,
     Mobility,
     PbrMaterial,
@@ -42,9 +45,10 @@ from mindstage.scene import (
 )
 from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap
 from mindstage.scene.mesh import TriangleMesh, box, convex_hull, cylinder, face_cross_products, sphere
-from mindstage.scene.transforms import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
+from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
 from mindstage.textures.catalog import texture_info
 from mindstage.textures.images import TextureMap, TextureUri
+from mindstage.textures.prints import name_label
 
 __all__ = [
     "ASSUMED_SIZE_M",
@@ -214,8 +218,17 @@ def dimmed(paint: Paint, *, as_occluder: bool = False) -> Paint:
     return Paint((red, green, blue), min(paint.opacity, OCCLUDER_OPACITY) if as_occluder else paint.opacity)
 
 
-ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
-"""Size at which a body of unknown size is drawn [m]."""
+ASSUMED_SIZE_M: Vector = (0.04, 0.04, 0.04)
+"""Size of the marker of a body without a size [m]."""
+_SCHEMATIC = PbrMaterial(color=(0.52, 0.56, 0.61), roughness=0.6, opacity=0.4)
+"""The material of a box that stands for a body of an unknown class."""
+_LABEL = PbrMaterial(color=(1.0, 1.0, 1.0), roughness=0.9)
+_LABEL_SHARE, _LABEL_ASPECT = 0.8, 2.0
+"""The part of the width of a side that a label covers, and its width by its height."""
+_LABEL_GAP_M = 1e-3
+_MIN_LABEL_M, _MAX_LABEL_M = 0.01, 0.3
+_LABELED_SIDES = ((1, 0, 1, 2), (-1, 0, 1, 2), (1, 1, 0, 2), (-1, 1, 0, 2), (1, 2, 0, 1))
+"""The direction and the axis of each side with a label, and the axes of its width and height."""
 _MAX_FURNITURE_M = 2.5
 """Smallest extent above which a body encloses the scene: no furniture is larger along all three axes."""
 _MAX_THIN_RATIO = 0.35
@@ -265,6 +278,8 @@ class BodyAppearance:
     """Equal for bodies that are drawn alike."""
     size: Vector
     part: VisiblePart = VisiblePart.WHOLE
+    is_schematic: bool = field(default=False, compare=False)
+    """Whether a labeled translucent box stands for the body, since the shape of its class is not known."""
     is_building: bool = False
     """Whether the body is part of the building: walls, floors, ceilings, doors in walls."""
     is_floor: bool = False
@@ -366,7 +381,8 @@ class _AppearanceSolver:
             return BodyAppearance(
                 key=f"outline of {size}", size=size, part=VisiblePart.OUTLINE, is_building=True, is_floor=floor
             )
-        key, visuals, lights = self._visuals(body, size)
+        schematic = not building and self._is_schematic(body)
+        key, visuals, lights = _schematic_visuals(body) if schematic else self._visuals(body, size)
         part, whole = VisiblePart.WHOLE, visuals
         if (side := self._single_side(row)) is not None:
             key, part = f"{key} from {side}", VisiblePart.INTERIOR
@@ -378,6 +394,7 @@ class _AppearanceSolver:
             key=key,
             size=size,
             part=part,
+            is_schematic=schematic,
             is_building=building,
             is_floor=floor,
             is_doorway=bool(self.is_door[row]) and self._is_tall_panel(row),
@@ -406,8 +423,14 @@ class _AppearanceSolver:
                 tuple(_collision_visual(shape, material) for shape in geometry.collision_shapes),
                 geometry.lights,
             )
-        kind = body.shape.type if body.shape else PrimitiveType.BOX
+        kind = body.shape.type if body.shape else PrimitiveType.BOX if body.size else PrimitiveType.SPHERE
         return f"{kind} {size} {material}", (_primitive_visual(PrimitiveType(kind), size, material),), ()
+
+    def _is_schematic(self, body: Body) -> bool:
+        """Whether neither the map nor an ontology gives the shape of a body, but a size."""
+        rule, geometry = self.rules[body.cls], self.geometry.get(body.id)
+        is_known = rule.source is not GeometrySource.MAP or body.cls == URDF_LINK or body.shape is not None
+        return body.size is not None and not is_known and (geometry is None or geometry.source is GeometrySource.MAP)
 
     # -- bodies that would block the view ------------------------------------------------------------------------------
 
@@ -534,6 +557,42 @@ def _collision_visual(shape: CollisionShape, material: PbrMaterial) -> VisualMes
         material,
         quat_rotate(pose[3:], primitive.normals),
     )
+
+
+def _schematic_visuals(body: Body) -> tuple[str, tuple[VisualMesh, ...], tuple[AttachedLight, ...]]:
+    """The key and visual meshes of a translucent box with the class of a body on five of its sides."""
+    size, name = body.size or ASSUMED_SIZE_M, local_name(body.cls)
+    material = _SCHEMATIC if body.color is None else replace(_SCHEMATIC, color=body.color)
+    return f"{name} {size} {material}", (_primitive_visual(PrimitiveType.BOX, size, material), *_labels(size, name)), ()
+
+
+@lru_cache(maxsize=1024)
+def _labels(size: Vector, name: str) -> tuple[VisualMesh, ...]:
+    """The labels on the sides of a box, one mesh for each axis."""
+    found = []
+    for axis in range(3):
+        corners: list[Array] = []
+        for sign, normal, right, up in _LABELED_SIDES:
+            width = min(_LABEL_SHARE * size[right], _MAX_LABEL_M)
+            height = min(_LABEL_SHARE * size[up], width / _LABEL_ASPECT)
+            if normal != axis or min(width, height) < _MIN_LABEL_M:
+                continue
+            corner = np.zeros((4, 3))
+            corner[:, normal] = sign * (size[normal] / 2 + _LABEL_GAP_M)
+            # Seen from outside, the text runs to the right.
+            direction = sign if (right - normal) % 3 == 1 else -sign
+            corner[:, right] = direction * width * (_UNIT_SQUARE[:, 0] - 0.5)
+            corner[:, up] = height * (_UNIT_SQUARE[:, 1] - 0.5)
+            corners.append(corner)
+        if corners:
+            faces = np.concatenate([_SQUARE_FACES + np.uint32(4 * number) for number in range(len(corners))])
+            points, uv = np.concatenate(corners), np.tile(_UNIT_SQUARE, (len(corners), 1))
+            found.append(VisualMesh(points, faces, _LABEL, uv=uv, image=name_label(name, round(width / height, 2))))
+    return tuple(found)
+
+
+_UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+_SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
 
 @lru_cache(maxsize=4096)

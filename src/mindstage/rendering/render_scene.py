@@ -2,7 +2,7 @@
 
 Bodies between the camera and the room are left out: walls and ceilings that turn their back to the camera, what is flat
 against them, and whatever only they hold, such as the latch of a door in a wall, a lamp, a wall cabinet with its
-contents. So are windows, posters and lamps where the map has no wall. Highlighted and selected bodies are never left out.
+contents. So are windows, posters and lamps where the map has no wall. What is highlighted or selected stays.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class RenderItem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     is_building: bool = False
     """Whether it is part of the building: a wall, a floor, a ceiling, a door in a wall."""
     casts_shadow: bool = True
-    """Whether it casts shadows; False for ceilings, which would keep the daylight out."""
+    """Whether it casts shadows; False for ceilings, which would keep the daylight out, and for schematic boxes."""
     is_marker: bool = False
     """Whether it is no body but a visualization marker, which keeps its color and opacity beside highlighted bodies."""
 
@@ -207,7 +207,7 @@ def render_scene(
             highlight=colors.get(body.id),
             shown=body.id not in culled and drawn[body.id].part is not VisiblePart.OUTLINE,
             is_building=drawn[body.id].is_building,
-            casts_shadow=not _is_overhead(drawn[body.id], row),
+            casts_shadow=not drawn[body.id].is_schematic and not _is_overhead(drawn[body.id], row),
         )
         for body, row in zip(bodies, rows, strict=True)
     )
@@ -268,8 +268,8 @@ def find_culled(
 ) -> frozenset[BodyId]:
     """Finds the walls and ceilings that turn their back to the camera, and the bodies that nothing drawn holds.
 
-    These are what is flat against such a wall, windows, posters and lamps whose wall is not drawn or not in the map, and
-    whatever only they hold.
+    These are what is flat against such a wall, windows, posters and lamps whose wall is not drawn or not in the map,
+    and whatever only they hold.
 
     Args:
         world: the world, with the poses of its description.
@@ -299,7 +299,9 @@ def find_culled(
 class _CullingSolver:
     """Finds the bodies that are not drawn; masks have one value per body."""
 
-    def __init__(self, drawn: Sequence[BodyAppearance], poses: Array, links: NDArray[np.intp], parts: list[int]) -> None:
+    def __init__(
+        self, drawn: Sequence[BodyAppearance], poses: Array, links: NDArray[np.intp], parts: list[int]
+    ) -> None:
         """Finds what touches what.
 
         Args:
@@ -417,7 +419,7 @@ class _CullingSolver:
         return np.asarray(self.low[:, 2] < np.min(self.low[~culled, 2], initial=np.inf) + 2 * _CONTACT_M)
 
     def _held_only_by(self, culled: NDArray[np.bool_], anchors: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The bodies that are held by culled ones, and neither directly nor through others by the ground or an anchor."""
+        """The bodies that culled ones hold, and neither directly nor through others the ground or an anchor."""
         touching = self._touching()
         one = np.concatenate([self.a[touching], self.links[:, 0], self.links[:, 1]])
         other = np.concatenate([self.b[touching], self.links[:, 1], self.links[:, 0]])

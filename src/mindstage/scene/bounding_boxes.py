@@ -108,7 +108,7 @@ def overlapping_pairs(
 
 
 def connected_groups(count: int, a: Indices, b: Indices) -> Indices:
-    """Returns the number of the group of each box, n; connected boxes are in the same group, directly or through others.
+    """Returns the number of the group of each box, n; boxes of a group are connected, directly or through others.
 
     Args:
         count: n, the number of boxes.
