@@ -364,6 +364,9 @@ class _AppearanceSolver:
         self.is_object = ~self.is_shell & ~self.is_building
         heights = self.center[self.is_object & ~self.is_lamp, 2]
         self.overhead_height = float(np.quantile(heights, 0.9)) if heights.size else np.inf
+        tops = self.center[:, 2] + np.einsum("ni,ni->n", np.abs(self.rotation[:, 2]), self.half)
+        tops = tops[self.is_object & ~self.is_lamp]
+        self.furniture_top = float(np.quantile(tops, 0.9)) if tops.size else np.inf
         self.roots = self._roots({link.child: link.parent for link in world.attachments})
         self.moving = {self.rows[joint.child] for joint in world.joints if joint.child in self.rows}
         self.mean_colors: dict[str, Color] = {}
@@ -461,7 +464,7 @@ class _AppearanceSolver:
             return None
         axis = int(np.argmin(self.half[row]))
         is_upright = abs(float(self.rotation[row][2, axis])) < _MAX_UPRIGHT_SINE
-        return axis if is_upright or self.center[row, 2] > self.overhead_height else None
+        return axis if is_upright or self.center[row, 2] > self.furniture_top else None
 
     def _is_tall_panel(self, row: int) -> bool:
         height = 2 * float(np.abs(self.rotation[row][2]) @ self.half[row])
@@ -569,26 +572,29 @@ def _schematic_visuals(body: Body) -> tuple[str, tuple[VisualMesh, ...], tuple[A
 @lru_cache(maxsize=1024)
 def _labels(size: Vector, name: str) -> tuple[VisualMesh, ...]:
     """The labels on the sides of a box, one mesh for each axis."""
-    found = []
-    for axis in range(3):
-        corners: list[Array] = []
-        for sign, normal, right, up in _LABELED_SIDES:
-            width = min(_LABEL_SHARE * size[right], _MAX_LABEL_M)
-            height = min(_LABEL_SHARE * size[up], width / _LABEL_ASPECT)
-            if normal != axis or min(width, height) < _MIN_LABEL_M:
-                continue
-            corner = np.zeros((4, 3))
-            corner[:, normal] = sign * (size[normal] / 2 + _LABEL_GAP_M)
-            # Seen from outside, the text runs to the right.
-            direction = sign if (right - normal) % 3 == 1 else -sign
-            corner[:, right] = direction * width * (_UNIT_SQUARE[:, 0] - 0.5)
-            corner[:, up] = height * (_UNIT_SQUARE[:, 1] - 0.5)
-            corners.append(corner)
-        if corners:
-            faces = np.concatenate([_SQUARE_FACES + np.uint32(4 * number) for number in range(len(corners))])
-            points, uv = np.concatenate(corners), np.tile(_UNIT_SQUARE, (len(corners), 1))
-            found.append(VisualMesh(points, faces, _LABEL, uv=uv, image=name_label(name, round(width / height, 2))))
-    return tuple(found)
+    found: dict[tuple[int, float], list[Array]] = {}
+    for sign, normal, right, up in _LABELED_SIDES:
+        width = min(_LABEL_SHARE * size[right], _MAX_LABEL_M)
+        height = min(_LABEL_SHARE * size[up], width / _LABEL_ASPECT)
+        if min(width, height) < _MIN_LABEL_M:
+            continue
+        corner = np.zeros((4, 3))
+        corner[:, normal] = sign * (size[normal] / 2 + _LABEL_GAP_M)
+        # Seen from outside, the text runs to the right.
+        direction = sign if (right - normal) % 3 == 1 else -sign
+        corner[:, right] = direction * width * (_UNIT_SQUARE[:, 0] - 0.5)
+        corner[:, up] = height * (_UNIT_SQUARE[:, 1] - 0.5)
+        found.setdefault((normal, round(width / height, 2)), []).append(corner)
+    return tuple(
+        VisualMesh(
+            np.concatenate(corners),
+            np.concatenate([_SQUARE_FACES + np.uint32(4 * number) for number in range(len(corners))]),
+            _LABEL,
+            uv=np.tile(_UNIT_SQUARE, (len(corners), 1)),
+            image=name_label(name, aspect),
+        )
+        for (_, aspect), corners in found.items()
+    )
 
 
 _UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
