@@ -446,7 +446,7 @@ def make_simulation(
     assets: StrPath | Iterable[StrPath] = (),
     primitive_shapes: bool = False,
     timeout_s: Timeout = 10.0,
-    mesh_progress: MeshProgress = lambda done, total: None,
+    mesh_progress: MeshProgress | None = None,
 ) -> Simulation:
     """Creates an empty simulation that owns the engine, with geometry from meshes and from shape rules of classes.
 

@@ -155,7 +155,7 @@ def save_world(
 
 
 def mesh_assets(
-    folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase, *, progress: MeshProgress = lambda done, total: None
+    folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase, *, progress: MeshProgress | None = None
 ) -> MeshLibrary:
     """The meshes in the folders, and those that maps refer to.
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import struct
 import subprocess
 from pathlib import Path
@@ -538,6 +539,13 @@ def test_files_are_imported_by_several_processes_at_once(
     assert list(rejected) == paths, "in the order in which they were asked for"
     assert all("met the other" in reason for reason in rejected.values())
     assert calls == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_a_library_with_progress_can_be_sent_to_another_process(folder: Path, cache: Path) -> None:
+    block().export(folder / "cup.stl")
+    library = MeshLibrary([folder], find_file={}.get, cache=cache, progress=lambda done, total: None)
+    cup = Body(id=BodyId("cup"), iri=Iri("http://x.org#cup"), cls=Iri("http://x.org#Cup"), pose=Pose())
+    assert set(pickle.loads(pickle.dumps(library)).geometry_for([cup]).geometry) == {"cup"}
 
 
 MEETING_WORKER = """

@@ -224,7 +224,7 @@ class MeshLibrary:
         *,
         find_file: Callable[[str], Path | None] = lambda name: None,
         cache: Path | None = None,
-        progress: MeshProgress = lambda done, total: None,
+        progress: MeshProgress | None = None,
     ) -> None:
         """Indexes the folders.
 
@@ -237,6 +237,9 @@ class MeshLibrary:
         self._index = MeshIndex(folders, find_file=find_file)
         self._cache, self._progress = cache, progress
         self._fit_cache: dict[tuple[str, Vector | None], tuple[BodyGeometry, str]] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        return self.__dict__ | {"_progress": None}  # which belongs to this process
 
     def geometry_for(self, bodies: Sequence[Body]) -> MeshLibraryResult:
         """Geometry of the bodies with a readable mesh file; errors in files become notes."""

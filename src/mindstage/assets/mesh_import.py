@@ -70,7 +70,7 @@ def import_meshes(
     keep_axes: bool = False,
     visuals: bool = True,
     likely_next: Iterable[Path] = (),
-    progress: MeshProgress = lambda done, total: None,
+    progress: MeshProgress | None = None,
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
     """Imports files in several processes, or loads them from the cache.
 
@@ -116,9 +116,10 @@ def import_meshes(
     cache_files = {path: cache_file for path, (_, cache_file) in missing.items()}
     others = dict.fromkeys(path for path in (likely_next if missing else ()) if path not in wanted)
     cache_files |= _not_imported(others, folder, decompose=decompose, keep_axes=keep_axes)
+    report = progress or _report_nothing
     imports = _ImportQueue(cache_files, timeout_s, decompose=decompose, keep_axes=keep_axes)
     for done, (path, result) in enumerate(imports.results(), start=1):
-        progress(done, len(cache_files))
+        report(done, len(cache_files))
         cache_file = cache_files[path]
         is_final = result.reason != "" and not result.is_transient
         if is_final:
@@ -137,6 +138,10 @@ def import_meshes(
         {path: imported[path] for path in wanted if path in imported},
         {path: rejected[path] for path in wanted if path in rejected},
     )
+
+
+def _report_nothing(done: int, total: int) -> None:
+    """The default of `progress`."""
 
 
 def _not_imported(paths: Iterable[Path], folder: Path, *, decompose: bool, keep_axes: bool) -> dict[Path, Path]:
