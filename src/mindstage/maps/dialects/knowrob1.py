@@ -448,16 +448,15 @@ def _mean_box(boxes: Sequence[ObservedBox]) -> ObservedBox:
     return ObservedBox(Pose((x, y, z), boxes[0].pose.quaternion), boxes[0].size)
 
 
-def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:
+def perception_blocks(body: Body, perceived: PerceivedPoses, used_names: Container[str]) -> Iterator[SubjectBlock]:
     """Yields a perception of a body at its current pose, and the matrix of the pose.
 
     Args:
         body: the body that has moved.
-        graph: the statements of the map, with its earlier perceptions.
+        perceived: the earlier perceptions of the map.
         used_names: names that are taken.
     """
-    perceptions = PerceivedPoses(graph).perceptions_of(body.iri)
-    last = max((perception.time_s for perception in perceptions if isfinite(perception.time_s)), default=-1.0)
+    last = max((each.time_s for each in perceived.perceptions_of(body.iri) if isfinite(each.time_s)), default=-1.0)
     event, matrix = (part_name(body.iri, suffix, used_names) for suffix in ("perception", "matrix"))
     yield SubjectBlock(
         event,
