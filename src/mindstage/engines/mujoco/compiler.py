@@ -479,8 +479,6 @@ def _servo(actuator: Actuator) -> dict[str, Any]:
     }  # fmt: skip
 
 
-_PART_GROUPS = 200
-"""Number of groups of bodies that are added to a spec together."""
 _HARD_LIMIT_SOLREF = (0.005, 1.0)
 """Time constant [s] and damping ratio of a hard limit: a strong arm pushes a drawer less than 1 mm past it."""
 _MIMIC_SOLREF = (0.005, 1.0)
@@ -496,14 +494,11 @@ class _SpecBuilder:
 
     def __init__(self, model_input: ModelInput) -> None:
         self.model_input = model_input
-        self.driven_roots = _driven_roots(model_input)
-        self.spec = self._new_spec()
-        self.part = self.spec
-        """What bodies are added to: the spec, or a part of it that is not attached yet."""
-        self.part_frame: Any = None
+        self.spec = mujoco.MjSpec()
+        set_defaults(self.spec)
         self.inertias = unit_inertias(model_input.bodies.values(), model_input.sizes)
         self.meshes: dict[tuple[Vector, ...], str] = {}
-        """Names of hull meshes of the spec, or of its current part, by their points."""
+        """Names of hull meshes by their points."""
         self.scenery_boxes = OrientedBoxes.from_poses(np.zeros((0, 7)), np.zeros((0, 3)))
         """A box around each geom of the scenery."""
         self.scenery_geom_counts: list[int] = []
@@ -515,14 +510,7 @@ class _SpecBuilder:
         self.spec_joints: dict[BodyId, tuple[TreeJoint, tuple[JointAxis, ...], bool, list[Any], Any]] = {}
         self.actuators: list[tuple[str, Actuator, Any]] = []
         """The simulated actuators by name, and the axes that they drive."""
-
-    def _new_spec(self) -> Any:
-        spec = mujoco.MjSpec()
-        set_defaults(spec)
-        if self.driven_roots:
-            spec.default.geom.solimp[0] = _DRIVEN_IMPEDANCE
-        spec.compiler.degree = False
-        return spec
+        self.driven_roots = _driven_roots(model_input)
 
     def set_options(self) -> None:
         option = self.spec.option
@@ -531,57 +519,19 @@ class _SpecBuilder:
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         # Friction nearly as stiff as contact prevents creep on slopes; what a gripper holds must creep less.
         option.impratio = 100.0 if self.driven_roots else 10.0
+        if self.driven_roots:
+            self.spec.default.geom.solimp[0] = _DRIVEN_IMPEDANCE
         option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
         if self.model_input.is_divisible:  # as MuJoCo chooses for 60 degrees of freedom; the last bits depend on it
             option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged state must not be reset silently
-
-    def add_groups(self, groups: Sequence[RigidGroup]) -> None:
-        """Adds groups of bodies; a parent comes before what is on its joints.
-
-        MuJoCo lists all elements of a spec again whenever a body or a geom is added to it. Many groups are therefore
-        added to small specs, each of whole trees, which become parts of the spec when they are complete.
-        """
-        if len(groups) <= 2 * _PART_GROUPS:
-            for group in groups:
-                self.add_group(group)
-            return
-        forest = self.model_input.forest
-        trees: dict[BodyId, list[RigidGroup]] = {}
-        tree_of: dict[BodyId, list[RigidGroup]] = {}
-        for group in groups:
-            joint = forest.tree_joints.get(group.root)
-            tree = trees.setdefault(group.root, []) if joint is None else tree_of[forest.root_of[joint.parent]]
-            tree_of[group.root] = tree
-            tree.append(group)
-        part: list[RigidGroup] = []
-        for tree in trees.values():
-            part += tree
-            if len(part) >= _PART_GROUPS:
-                self._add_part(part)
-                part = []
-        self._add_part(part)
-
-    def _add_part(self, groups: Sequence[RigidGroup]) -> None:
-        """Adds whole trees by a spec of their own."""
-        self.part, self.meshes = self._new_spec(), {}
-        self.part_frame = self.part.worldbody.add_frame()
-        for group in groups:
-            self.add_group(group)
-        self.spec.copy_during_attach = False  # so that what refers to the bodies of the part stays valid
-        self.spec.worldbody.attach_frame(self.part_frame, f"{groups[0].root}/" if groups else "/", "")
-        for group in groups:
-            for id in group.bodies:
-                self.spec_bodies[id].name = _name(id)  # without the prefix, which MuJoCo requires
-        self.part, self.part_frame, self.meshes = self.spec, None, {}
+        self.spec.compiler.degree = False
 
     def add_group(self, group: RigidGroup) -> None:
         model_input = self.model_input
         tree_joint = model_input.forest.tree_joints.get(group.root)
         if tree_joint is None:
-            root = self._add_body(self.part.worldbody, group.root, model_input.poses[model_input.rows[group.root]])
-            if self.part_frame is not None:
-                root.set_frame(self.part_frame)
+            root = self._add_body(self.spec.worldbody, group.root, model_input.poses[model_input.rows[group.root]])
             if group.is_dynamic:
                 self.free_joints[group.root] = root.add_freejoint()
             elif not model_input.is_fixed(group) and model_input.has_mocap_bodies:
@@ -722,7 +672,7 @@ class _SpecBuilder:
             return ""
         if shape.points not in self.meshes:
             name = self.meshes[shape.points] = f"hull{len(self.meshes)}"
-            self.part.add_mesh(name=name, uservert=[number for point in shape.points for number in point])
+            self.spec.add_mesh(name=name, uservert=[number for point in shape.points for number in point])
         return self.meshes[shape.points]
 
     def add_ground(self) -> None:
@@ -886,7 +836,9 @@ def compile_model(model_input: ModelInput, *, scenery: bool = True) -> CompiledM
     builder = _SpecBuilder(model_input)
     builder.set_options()
     scenery_ids = set(scenery_bodies := builder.add_scenery() if scenery else [])
-    builder.add_groups([group for group in model_input.forest.groups.values() if group.root not in scenery_ids])
+    for group in model_input.forest.groups.values():
+        if group.root not in scenery_ids:
+            builder.add_group(group)
     for tree_joint in model_input.forest.loop_joints:
         builder.add_loop_joint(tree_joint)
     builder.add_mimics()
