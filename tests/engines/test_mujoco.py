@@ -320,7 +320,7 @@ def test_a_fork_shares_the_model_and_leaves_sleeping_bodies_asleep() -> None:
 
 
 def test_a_world_of_many_bodies_moves_like_a_part_of_it() -> None:
-    """Many bodies are compiled in parts: what is joined stays together, and names refer to the same bodies."""
+    """Many bodies are in several models: what is joined stays together, and names refer to the same bodies."""
 
     def hall(count: int) -> World:
         bodies, joints, attachments = [], [], []
