@@ -50,7 +50,7 @@ from mindstage.rdf.graphs import (
     node_to_look_up,
 )
 from mindstage.rdf.taxonomy import ClassHierarchy
-from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, OWL_CLASS, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -889,6 +889,7 @@ class KnowledgeBase:
         self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
     ) -> World:
         """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
+        from mindstage.knowledge.map_checks import report_implausible
         from mindstage.knowledge.portable_bodies import with_portable_bodies
         from mindstage.maps.dialects.detection import read_world  # many questions need no world
 
@@ -896,7 +897,19 @@ class KnowledgeBase:
             source_map = self._source_map(map)
             report, assume = report or source_map.report, assume or source_map.add_assumption
             source_map = replace(source_map, report=report, add_assumption=assume)
-            return with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
+            world = with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
+            report_implausible(world, report, is_known=self._is_described, known_classes=self._classes_by_name)
+            return world
+
+    def _is_described(self, cls: Iri) -> bool:
+        """Whether any source has statements about a class."""
+        return next(iter(self._store.quads_for_pattern(node_to_look_up(cls), None, None)), None) is not None
+
+    def _classes_by_name(self) -> dict[str, Iri]:
+        """The classes that any source has, by their local names."""
+        quads = self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL_CLASS))
+        classes = (Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode))
+        return {local_name(cls): cls for cls in classes}
 
     def _cached_world(self, map: Iri) -> World:
         """The world of a map from the cache, or else read and written there."""
