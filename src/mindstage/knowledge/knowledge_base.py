@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import atexit
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
@@ -898,18 +898,12 @@ class KnowledgeBase:
             report, assume = report or source_map.report, assume or source_map.add_assumption
             source_map = replace(source_map, report=report, add_assumption=assume)
             world = with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
-            report_implausible(world, report, is_known=self._is_described, known_classes=self._classes_by_name)
+            report_implausible(world, source_map, self._declared_classes)
             return world
 
-    def _is_described(self, cls: Iri) -> bool:
-        """Whether any source has statements about a class."""
-        return next(iter(self._store.quads_for_pattern(node_to_look_up(cls), None, None)), None) is not None
-
-    def _classes_by_name(self) -> dict[str, Iri]:
-        """The classes that any source has, by their local names."""
+    def _declared_classes(self) -> Iterator[Iri]:
         quads = self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL_CLASS))
-        classes = (Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode))
-        return {local_name(cls): cls for cls in classes}
+        return (Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode))
 
     def _cached_world(self, map: Iri) -> World:
         """The world of a map from the cache, or else read and written there."""

@@ -6,12 +6,13 @@ pose or inside of fixed bodies, a class that no ontology has. Nothing is changed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 
 import numpy as np
 
 from mindstage.knowledge.shape_rules import name_tokens
+from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.rdf.graphs import FindingSink, Severity, local_name
 from mindstage.rdf.vocabulary import HAS_ANGULAR, HAS_LINEAR, HAS_POSE, OWL, RDFS, TYPE
 from mindstage.scene import AxisMotion, Body, BodyId, Iri, Joint, World
@@ -46,21 +47,15 @@ _MAX_COMPARED = 50
 """Number of unknown classes for which near names are looked for."""
 
 
-def report_implausible(
-    world: World,
-    report: FindingSink,
-    *,
-    is_known: Callable[[Iri], bool],
-    known_classes: Callable[[], Mapping[str, Iri]],
-) -> None:
+def report_implausible(world: World, source_map: SourceMap, classes: Callable[[], Iterable[Iri]]) -> None:
     """Reports what a map cannot mean.
 
     Args:
         world: the world as it was read.
-        report: takes the findings.
-        is_known: whether anything is said about a class.
-        known_classes: returns all classes by their local names.
+        source_map: what it was read from; takes the findings.
+        classes: returns the classes that any source declares.
     """
+    report = source_map.report
     bodies = {body.id: body for body in world.bodies}
     moving = dict[BodyId, Body]()
     for joint in world.joints:
@@ -71,7 +66,7 @@ def report_implausible(
                 _report_joint(joint, moved, holder, report)
     _report_same_poses(world, moving, report)
     _report_overlaps(world, moving, report)
-    _report_unknown_classes(world, report, is_known, known_classes)
+    _report_unknown_classes(world, source_map, classes)
 
 
 def _report_joint(joint: Joint, moved: Body, holder: Body, report: FindingSink) -> None:
@@ -145,18 +140,22 @@ def _report_overlaps(world: World, moving: Mapping[BodyId, Body], report: Findin
         report(Severity.WARNING, sized[part].iri, HAS_POSE, problem, "the boxes count as they are")
 
 
-def _report_unknown_classes(
-    world: World, report: FindingSink, is_known: Callable[[Iri], bool], known_classes: Callable[[], Mapping[str, Iri]]
-) -> None:
-    classes = dict.fromkeys(body.cls for body in world.bodies if not body.cls.startswith((OWL, RDFS)))
-    unknown = [cls for cls in classes if not is_known(cls)]
-    known = known_classes() if unknown else {}
-    by_key = {name.lower(): name for name in known}
+def _report_unknown_classes(world: World, source_map: SourceMap, declared: Callable[[], Iterable[Iri]]) -> None:
+    hierarchy, used = source_map.hierarchy, dict.fromkeys(body.cls for body in world.bodies)
+    unknown = [
+        cls
+        for cls in used
+        if not (cls.startswith((OWL, RDFS)) or cls in source_map.graph)
+        and not (hierarchy.ancestors(cls) or hierarchy.descendants(cls))
+    ]
+    known = set(declared()) if unknown else set()
+    unknown = [cls for cls in unknown if cls not in known]
+    by_key = {local_name(cls).lower(): local_name(cls) for cls in sorted(known)}
     for cls in unknown[:_MAX_COMPARED]:
         keys = get_close_matches(local_name(cls).lower(), list(by_key), n=3, cutoff=_MIN_SIMILARITY)
         if near := [by_key[key] for key in keys]:
             problem = f"no loaded ontology has the class {local_name(cls)!r}; near: {', '.join(map(repr, near))}"
-            report(Severity.WARNING, cls, TYPE, problem, "its shape follows from its name, else it is a box")
+            source_map.report(Severity.WARNING, cls, TYPE, problem, "its shape follows from its name, else it is a box")
 
 
 def _listed(bodies: list[Body]) -> str:
