@@ -41,6 +41,7 @@ _OVERLAP_SHARE = 0.25
 _INSIDE = 0.9
 """A part that is in a fixed body by this share along each axis is in its place, as a drawer in a cupboard."""
 _MAX_NAMED = 3
+"""Number of bodies that a finding names."""
 _MIN_SIMILARITY = 0.8
 """Similarity of names from which one may be misspelled (`difflib`); an unlike class may be in an ontology elsewhere."""
 _MAX_COMPARED = 50

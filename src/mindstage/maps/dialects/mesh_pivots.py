@@ -58,6 +58,7 @@ _SUNK, _SUNK_PART, _TOGETHER = 0.5, 0.25, 0.2
 _PRIOR, _PRIOR_PER_BODY, _AXIS_PRIOR = 0.15, 0.04, np.array([3.0, 3.0, 1.0])
 """Evidence from which another origin than the center counts, times those for each axis."""
 _TIE, _TIE_PER_BODY = 0.1, 0.02
+"""Difference of evidence, and for each body, up to which two origins fit equally well."""
 _MIN_BETTER, _MIN_HELD_BETTER, _MIN_HELD_BETTER_BESIDE = 0.45, 0.3, 0.5
 """Per body, how much less wrong and better held bodies have to be than at the center: both of these, or ..."""
 _MIN_ONLY_HELD, _MIN_ONLY_HELD_PER_BODY = 0.72, 0.2
@@ -65,6 +66,7 @@ _MIN_ONLY_HELD, _MIN_ONLY_HELD_PER_BODY = 0.72, 0.2
 _MIN_OTHERS, _MIN_OTHERS_PER_BODY, _MIN_OTHERS_SHARE = 0.9, 0.3, 0.25
 """... how much better others are held by them, also as a share of those that are anyway."""
 _MAX_WORSE = 0.1
+"""Per body, how much more wrong bodies may be than at the center."""
 _SAME_FOOTPRINT = 0.01
 """Relative difference of extents up to which two footprints are the same."""
 
