@@ -42,15 +42,27 @@ from mindstage.rdf.graphs import (
     PRESENT_GRAPH,
     Finding,
     FindingSink,
+    ObjectNode,
     Severity,
     SparqlResult,
     TripleStore,
     gc_paused,
     local_name,
     node_to_look_up,
+    quads_with_property,
 )
 from mindstage.rdf.taxonomy import ClassHierarchy
-from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
+from mindstage.rdf.vocabulary import (
+    DESCRIBED_IN_MAP,
+    EQUIVALENT_CLASS,
+    FIRST,
+    INTERSECTION_OF,
+    OWL,
+    REST,
+    SUBCLASS_OF,
+    TYPE,
+    xsd,
+)
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -806,13 +818,36 @@ class KnowledgeBase:
         """Built when it is first needed, and again after more was loaded."""
         self._registry.prepare_endpoint()
         pairs = []
+        intersections = {
+            quad.subject: self._list_members(quad.object)
+            for quad in quads_with_property(self._store, INTERSECTION_OF)
+        }
+        for cls, members in intersections.items():
+            if isinstance(cls, ox.NamedNode):
+                pairs += [(Iri(cls.value), member) for member in members]
         for property in (SUBCLASS_OF, EQUIVALENT_CLASS):
-            for quad in self._store.quads_for_pattern(None, ox.NamedNode(property), None):
-                if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.NamedNode):
+            for quad in quads_with_property(self._store, property):
+                if not isinstance(quad.subject, ox.NamedNode):
+                    continue
+                if isinstance(quad.object, ox.NamedNode):
                     pairs.append((Iri(quad.subject.value), Iri(quad.object.value)))
                     if property == EQUIVALENT_CLASS:
                         pairs.append((Iri(quad.object.value), Iri(quad.subject.value)))
+                elif members := intersections.get(quad.object):
+                    pairs += [(Iri(quad.subject.value), member) for member in members]
         return ClassHierarchy(pairs)
+
+    def _list_members(self, node: ObjectNode) -> list[Iri]:
+        """The named resources in an RDF list."""
+        members: list[Iri] = []
+        nodes = [node]
+        for each in nodes:
+            if isinstance(each, ox.BlankNode):
+                first = self._store.quads_for_pattern(each, ox.NamedNode(FIRST), None)
+                members += [Iri(quad.object.value) for quad in first if isinstance(quad.object, ox.NamedNode)]
+                rest = self._store.quads_for_pattern(each, ox.NamedNode(REST), None)
+                nodes += [quad.object for quad in rest if quad.object not in nodes]
+        return members
 
     def _invalidate(self, quads: Sequence[ox.Quad]) -> None:
         """Updates what depends on these statements, which were added or removed."""
@@ -875,7 +910,7 @@ class KnowledgeBase:
             graph=graph,
             members=members,
             ontologies=[
-                nest_blank_nodes(self._registry.source_graph(source)[0]) for source in self._registry.size_sources()
+                nest_blank_nodes(self._registry.source_graph(source)[0]) for source in self._registry.class_geometry_sources()
             ],
             hierarchy=self._taxonomy,
             report=self._add_finding,

@@ -884,10 +884,10 @@ class SourceRegistry:
         """Returns the sources that worlds may be made from."""
         return [source for source in self.all_sources() if source.is_map or source.has_maps()]
 
-    def size_sources(self) -> Iterator[Source]:
-        """Returns the ontologies that give sizes; sizes in the sources of maps are read with the maps."""
+    def class_geometry_sources(self) -> Iterator[Source]:
+        """Returns the ontologies that give sizes or meshes; those in the sources of maps are read with the maps."""
         maps = {source.name for source in self.map_sources()}
-        return (source for source in self.all_sources() if source.name not in maps and source.has_class_sizes())
+        return (source for source in self.all_sources() if source.name not in maps and source.has_class_geometry())
 
     def maps_in(self, source: Source) -> tuple[Iri, ...]:
         """Returns the maps that a source describes, in its order.

@@ -52,6 +52,7 @@ __all__ = [
     "EQUIVALENT_CLASS",
     "EVENT",
     "EVENT_OCCURS_AT",
+    "FIRST",
     "FRAME",
     "GIVEN_SIZES",
     "HAS_ANGULAR",
@@ -65,6 +66,7 @@ __all__ = [
     "HAS_VALUE",
     "HINGED_TO",
     "IMPORTS",
+    "INTERSECTION_OF",
     "JOINT_CLASSES",
     "JOINT_VALUES",
     "KNOWROB",
@@ -90,6 +92,7 @@ __all__ = [
     "QUATERNION_ORDER",
     "RDF",
     "RDFS",
+    "REST",
     "RESTATES",
     "REVOLUTE_JOINT",
     "SEMANTIC_MAP",
@@ -151,6 +154,8 @@ LABEL = Iri(RDFS + "label")
 SYNONYM = Iri("http://www.w3.org/2004/02/skos/core#altLabel")
 SUBCLASS_OF = Iri(RDFS + "subClassOf")
 EQUIVALENT_CLASS = Iri(OWL + "equivalentClass")
+INTERSECTION_OF = Iri(OWL + "intersectionOf")
+FIRST, REST = Iri(RDF + "first"), Iri(RDF + "rest")
 ON_PROPERTY = Iri(OWL + "onProperty")
 HAS_VALUE = Iri(OWL + "hasValue")
 IMPORTS = Iri(OWL + "imports")

@@ -27,7 +27,7 @@ from mindstage.maps.dialects.semlog import read_semlog, with_tag_properties
 from mindstage.maps.dialects.source_map import Dialect, SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import convert_source_map, is_converted, original_property
 from mindstage.maps.dialects.units import infer_conventions
-from mindstage.maps.rdf_mapping.fields import ClassSizes
+from mindstage.maps.rdf_mapping.fields import ClassGeometry
 from mindstage.maps.rdf_mapping.nested import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NestedResource
 from mindstage.maps.rdf_mapping.properties import MASS, MESH, QUATERNION, TRANSLATION, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, part_name
@@ -77,7 +77,7 @@ AMEVA_DIALECT = "AMEVA"
 AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
 _DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
 _CLASS_VALUED = (MASS.property, MESH.property)
-"""Properties whose value a class may give for all its members."""
+"""Properties whose value a class may give for all its members, by which the dialect is detected."""
 
 
 def add_joint_definitions(source_map: SourceMap) -> SourceMap:
@@ -97,7 +97,7 @@ class _AmevaJointReader:
     def __init__(self, source_map: SourceMap) -> None:
         self.source_map = source_map
         self.graph: dict[Iri, Sequence[PropertyAssertion]] = dict(source_map.graph)
-        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
+        self.sizes = ClassGeometry([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
         self.parents = _parents(source_map)
         self.children: dict[Iri, list[Iri]] = {}
         for each, parent in self.parents.items():
@@ -314,12 +314,12 @@ def read_ameva(source_map: SourceMap) -> World:
 
 
 def _with_class_values(source_map: SourceMap) -> SourceMap:
-    """Returns the map with the values that classes give copied to their members; values of a member take precedence."""
+    """Returns the map with the masses that classes give copied to their members; that of a member takes precedence."""
     by_class: dict[Iri, dict[Iri, PropertyAssertion]] = {}
     members = set(source_map.members)
     for cls, facts in source_map.graph.items():
         for fact in _class_values(facts) if cls not in members else ():
-            if fact.property in _CLASS_VALUED:
+            if fact.property == MASS.property:
                 by_class.setdefault(cls, {}).setdefault(fact.property, fact)
     if not by_class:
         return source_map

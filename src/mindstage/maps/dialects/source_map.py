@@ -27,7 +27,7 @@ class SourceMap:
     members: Sequence[Iri]
     """The individuals that belong to the map."""
     ontologies: Sequence[Graph]
-    """Ontologies that give sizes of classes."""
+    """Ontologies that give sizes or meshes of classes."""
     hierarchy: ClassHierarchy
     """The subclass relations of all sources and ontologies."""
     report: FindingSink

@@ -29,7 +29,7 @@ from mindstage.maps.io.xml import (
     is_too_deep,
 )
 from mindstage.maps.io.xml_repair import XmlRepair, XmlRepairError, repair_xml
-from mindstage.maps.rdf_mapping.properties import SIZE
+from mindstage.maps.rdf_mapping.properties import BOUNDING_BOX, MESH, SIZE
 from mindstage.rdf.graphs import Finding, Graph, ObjectNode, QuadSource, Severity, graph_from_quads
 from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, ONTOLOGY, RDF, SEMANTIC_MAP, TYPE
 from mindstage.scene import Iri
@@ -471,9 +471,12 @@ class Source:
             True for _ in self._quads_with_predicate(TYPE, SEMANTIC_MAP)
         )
 
-    def has_class_sizes(self) -> bool:
-        """Whether it gives sizes for all members of a class."""
-        return any(True for codec in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, codec.property))
+    def has_class_geometry(self) -> bool:
+        """Whether it gives sizes or meshes for all members of a class."""
+        of_members = (*SIZE, BOUNDING_BOX, MESH)
+        return any(True for codec in of_members for _ in self._quads_with_predicate(ON_PROPERTY, codec.property)) or any(
+            True for codec in of_members for _ in self._quads_with_predicate(codec.property)
+        )
 
     def terms_of(self, namespaces: tuple[str, ...]) -> list[Iri]:
         """Returns the classes of its individuals in these namespaces, or else the first other name there; sorted."""
