@@ -418,7 +418,8 @@ class KnowledgeBase:
         with self.lock:
             source_map = self._source_map(self._resolve_map(map))
             implied = self._registry.implied_members(source_map.map)
-            return SourceMapView(replace(source_map, implied_members=implied))
+            names = self._registry.current_names(source_map.map)
+            return SourceMapView(replace(source_map, implied_members=implied, current_names=names))
 
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""

@@ -41,6 +41,9 @@ class SourceMap:
     implied_members: frozenset[Iri] = frozenset()
     """The individuals, and the map, whose membership statements are not in the sources but follow from them."""
 
+    current_names: frozenset[str] | None = None
+    """If the sources use the namespaces that KnowRob had until 2013, the names that are not written in these."""
+
     def record_assumption(self, topic: str, value: str, evidence: str) -> None:
         """Records a decision about the whole map; a field of `conventions` that is set counts as chosen by the user.
 
