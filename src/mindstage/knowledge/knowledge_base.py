@@ -72,6 +72,7 @@ if TYPE_CHECKING:  # not every program needs these
     from mindstage.knowledge.sparql_query import QueryPrefixes
     from mindstage.knowledge.world_cache import WorldCache
     from mindstage.maps.io.graph_diff import SourceMapView
+    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = ["AnswerCache", "KnowledgeBase"]
 
@@ -269,7 +270,7 @@ class KnowledgeBase:
         ontologies: StrPath | Iterable[StrPath] = (),
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf: StrPath | Iterable[StrPath] = (),
-        xacro: bool | None = None,
+        xacro: XacroRequest = None,
         follow_imports: bool = True,
         untrusted: bool = False,
     ) -> None:
@@ -286,8 +287,8 @@ class KnowledgeBase:
                 and listed by `assumptions`.
             urdf: robot descriptions that hold the poses and joints of maps that only name links.
             xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
-                in `.xacro`. Give False for names that the user has not chosen. The macros can only compute, and read
-                files beside the description, in its package and in the given folders of packages.
+                in `.xacro`. A mapping gives the values of their arguments (`xacro:arg`), and asks for it too. Give False
+                for names that the user has not chosen. The macros can only compute, and read files beside the description, in its package and in the given folders of packages.
             follow_imports: whether what they import is read; otherwise it is a finding.
             untrusted: True for files that came over a port: nothing else is read for them, and one that refers to
                 something else is refused. An import of an ontology that is loaded already is accepted, by its IRI, its

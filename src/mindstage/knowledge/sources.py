@@ -56,7 +56,7 @@ from mindstage.maps.io.formats import MapFormat, read_with, readable_suffixes
 from mindstage.maps.io.ros_packages import RosPackagePath, file_from_iri
 from mindstage.maps.io.xml import external_reference
 from mindstage.maps.urdf.in_maps import ClassNameIndex, UrdfSources, is_urdf, linked_individuals
-from mindstage.maps.urdf.xacro_process import is_requested
+from mindstage.maps.urdf.xacro_process import XacroRequest, requested_arguments
 from mindstage.rdf.graphs import (
     BUNDLED_GRAPHS,
     FILE_GRAPHS,
@@ -241,8 +241,8 @@ class LoadTransaction:
     """Stores a text and returns a function that reads it."""
     urdf_paths: Iterable[Path] = ()
     """Robot descriptions whose links maps may refer to."""
-    xacro_paths: Collection[Path] = frozenset()
-    """The robot descriptions that are expanded if they contain xacro, by resolved path."""
+    xacro_paths: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    """The robot descriptions that are expanded if they contain xacro, by resolved path, with their arguments."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
     untrusted: bool = False
@@ -567,7 +567,7 @@ class SourceRegistry:
         urdf: Iterable[StrPath] = (),
         follow_imports: bool = True,
         *,
-        xacro: bool | None = False,
+        xacro: XacroRequest = False,
         untrusted: bool = False,
         builds_index: bool = True,
     ) -> list[ox.NamedNode]:
@@ -579,8 +579,8 @@ class SourceRegistry:
             conventions: given conventions of the maps.
             urdf: robot descriptions that maps refer to.
             follow_imports: whether imported files are loaded.
-            xacro: whether the given robot descriptions are expanded if they contain xacro; None for those whose name
-                ends in `.xacro`.
+            xacro: whether the given robot descriptions are expanded if they contain xacro, or the values of their
+                arguments; None for those whose name ends in `.xacro`.
             untrusted: whether files that refer to anything that is not loaded are refused.
             builds_index: whether the index of a store folder is updated; otherwise `save_index` does so later.
 
@@ -601,7 +601,11 @@ class SourceRegistry:
         transaction = self._new_transaction(
             packages,
             urdf_paths=list(urdf_paths),
-            xacro_paths={path.resolve() for path in (*paths, *robots) if is_requested(path, asked)},
+            xacro_paths={
+                path.resolve(): arguments
+                for path in (*paths, *robots)
+                if (arguments := requested_arguments(path, asked)) is not None
+            },
             follow_imports=follow_imports and not untrusted,
             untrusted=untrusted,
         )
