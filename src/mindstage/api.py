@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
     from mindstage.maps import UnitConventions
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.saving import FileDialect
     from mindstage.scene import World, WorldDiff
     from mindstage.simulation import Simulation
     from mindstage.viewer import Viewer
-    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = ["connect", "diff", "load", "load_knowledge", "make_simulation", "open", "save", "view"]
 
@@ -72,8 +72,8 @@ def open(
         bundled_ontology: whether the bundled household ontology is loaded.
         urdf: robot descriptions (URDF, xacro) that define the links which the maps refer to.
         xacro: whether the robot descriptions among `maps` and `robots` are expanded if they contain xacro; by default
-            those whose name ends in `.xacro`, so False never runs a macro. A mapping gives the values of their arguments
-            (`xacro:arg`), and asks for the expansion too.
+            those whose name ends in `.xacro`, so False never runs a macro. A mapping gives the values of their
+            arguments (`xacro:arg`), and asks for the expansion too.
         conventions: units, frame and quaternion order of the maps, which are otherwise inferred: one for all maps, or
             one per map.
         store: the folder of a persistent knowledge base.

@@ -31,11 +31,11 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
     from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.robots.models.robot_model import RobotModel
     from mindstage.robots.robot import Robot
     from mindstage.robots.skill_declaration import SkillStep
     from mindstage.simulation import Simulation
-    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = ["do"]
 

@@ -42,10 +42,10 @@ from mindstage.ranges import Coordinate, NotNegative, Range, Time, WallTime, ran
 from mindstage.ranges import Port as PortNumber
 
 if TYPE_CHECKING:
-    from mindstage.maps.urdf.xacro_process import XacroRequest
     from enum import Enum
 
     from mindstage.maps import UnitConventions
+    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = [
     "DEFAULT_MAP",

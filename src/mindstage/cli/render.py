@@ -38,12 +38,12 @@ from mindstage.ranges import Count, Finite, Time
 from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.rendering import CameraPose
     from mindstage.rendering.path_tracing import PathTracingSettings
     from mindstage.rendering.render_scene import RenderScene
     from mindstage.simulation import HighlightResult, Simulation
     from mindstage.simulation.pictures import ScenePhotographer
-    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = ["render"]
 

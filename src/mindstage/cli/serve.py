@@ -44,9 +44,9 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
     from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.scene import World
     from mindstage.simulation import Simulation
-    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = ["serve"]
 

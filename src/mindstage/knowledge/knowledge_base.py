@@ -287,8 +287,9 @@ class KnowledgeBase:
                 and listed by `assumptions`.
             urdf: robot descriptions that hold the poses and joints of maps that only name links.
             xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
-                in `.xacro`. A mapping gives the values of their arguments (`xacro:arg`), and asks for it too. Give False
-                for names that the user has not chosen. The macros can only compute, and read files beside the description, in its package and in the given folders of packages.
+                in `.xacro`. A mapping gives the values of their arguments (`xacro:arg`), and asks for it too. Give
+                False for names that the user has not chosen. The macros can only compute, and read files beside the
+                description, in its package and in the given folders of packages.
             follow_imports: whether what they import is read; otherwise it is a finding.
             untrusted: True for files that came over a port: nothing else is read for them, and one that refers to
                 something else is refused. An import of an ontology that is loaded already is accepted, by its IRI, its
@@ -821,8 +822,7 @@ class KnowledgeBase:
         self._registry.prepare_endpoint()
         pairs = []
         intersections = {
-            quad.subject: self._list_members(quad.object)
-            for quad in quads_with_property(self._store, INTERSECTION_OF)
+            quad.subject: self._list_members(quad.object) for quad in quads_with_property(self._store, INTERSECTION_OF)
         }
         for cls, members in intersections.items():
             if isinstance(cls, ox.NamedNode):
@@ -835,8 +835,8 @@ class KnowledgeBase:
                     pairs.append((Iri(quad.subject.value), Iri(quad.object.value)))
                     if property == EQUIVALENT_CLASS:
                         pairs.append((Iri(quad.object.value), Iri(quad.subject.value)))
-                elif members := intersections.get(quad.object):
-                    pairs += [(Iri(quad.subject.value), member) for member in members]
+                elif isinstance(quad.object, ox.BlankNode):
+                    pairs += [(Iri(quad.subject.value), member) for member in intersections.get(quad.object, ())]
         return ClassHierarchy(pairs)
 
     def _list_members(self, node: ObjectNode) -> list[Iri]:
@@ -912,7 +912,8 @@ class KnowledgeBase:
             graph=graph,
             members=members,
             ontologies=[
-                nest_blank_nodes(self._registry.source_graph(source)[0]) for source in self._registry.class_geometry_sources()
+                nest_blank_nodes(self._registry.source_graph(source)[0])
+                for source in self._registry.class_geometry_sources()
             ],
             hierarchy=self._taxonomy,
             report=self._add_finding,

@@ -185,7 +185,9 @@ def _derived_map(file: SourceFile) -> Assumption | None:
     map = next((subject for subject, facts in implied.items() if _IS_MAP in facts), None)
     if map is None:
         return None
-    evidence = f"nothing there is a SemanticEnvironmentMap, and {len(implied) - 1} individuals have poses or belong to them"
+    evidence = (
+        f"nothing there is a SemanticEnvironmentMap, and {len(implied) - 1} individuals have poses or belong to them"
+    )
     return Assumption(map, "map", f"{local_name(map)}, derived from {file.path.name}", evidence)
 
 

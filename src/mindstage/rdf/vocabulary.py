@@ -99,9 +99,12 @@ __all__ = [
     "SIZES",
     "SOMA",
     "SOMA_NAMESPACES",
+    "SRDL",
     "START_TIME",
     "STORAGE",
     "SUBCLASS_OF",
+    "SUCCEEDING_JOINT",
+    "SUCCEEDING_LINK",
     "SYNONYM",
     "TAGS_DATA",
     "TAGS_JSON",
@@ -121,6 +124,7 @@ __all__ = [
     "knowrob",
     "ms",
     "soma",
+    "srdl",
     "urdf",
     "xsd",
 ]
@@ -211,6 +215,7 @@ SOMA_NAMESPACES = (
     *(f"http://www.ease-crc.org/ont/{name}.owl#" for name in ("SOMA-HOME", "SOMA-OBJ", "SOMA-ACT")),
 )
 """The namespaces of SOMA; its modules had their own in some versions."""
+SRDL = "http://knowrob.org/kb/srdl2-comp.owl#"
 URDF = "http://knowrob.org/kb/urdf.owl#"
 
 
@@ -222,6 +227,11 @@ def dul(name: str) -> Iri:
 def soma(name: str) -> Iri:
     """A term of the SOMA ontology."""
     return Iri(SOMA + name)
+
+
+def srdl(name: str) -> Iri:
+    """A term of SRDL 2 for the components of robots."""
+    return Iri(SRDL + name)
 
 
 def urdf(name: str) -> Iri:
@@ -258,6 +268,8 @@ HAS_COLOR = soma("hasColor")
 HAS_JOINT = urdf("hasJoint")
 BASE_LINK_NAME, END_LINK_NAME = urdf("hasBaseLinkName"), urdf("hasEndLinkName")
 URDF_LINK = urdf("Link")
+
+SUCCEEDING_LINK, SUCCEEDING_JOINT = srdl("succeedingLink"), srdl("succeedingJoint")
 
 POSE_PROPERTIES = (ORIENTATION, OBJECT_ACTED_ON, HAS_LOCALIZATION, BASE_LINK_NAME, END_LINK_NAME)
 """An individual that has one of these, or that is their value (a perceived object), has a pose."""

@@ -6,8 +6,8 @@ import math
 import os
 
 from mindstage.errors import CommandRefusedError
-from mindstage.ranges import Coordinate, checked
 from mindstage.maps.urdf.xacro_process import XacroRequest
+from mindstage.ranges import Coordinate, checked
 from mindstage.robots.edits import add_robot
 from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import RobotModel

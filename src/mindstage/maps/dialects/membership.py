@@ -27,6 +27,8 @@ from mindstage.rdf.vocabulary import (
     PARENT,
     POSE_PROPERTIES,
     SEMANTIC_MAP,
+    SUCCEEDING_JOINT,
+    SUCCEEDING_LINK,
     TO_PARTS,
     TO_WHOLES,
     TYPE,
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 
+_KINEMATIC = (SUCCEEDING_LINK, SUCCEEDING_JOINT)
 MapMembers = Mapping[Iri, Sequence[Iri]]
 """Individuals by map, in the order of the graph. A map has the map class or is the object of `describedInMap`."""
 
@@ -268,9 +271,9 @@ def _connected(graph: Graph) -> Mapping[Iri, Sequence[Iri]]:
     for subject, facts in graph.items():
         for fact in facts:
             if isinstance(fact.value, IriRef):
-                if fact.property in TO_PARTS or fact.property in CONNECTIONS:
+                if fact.property in TO_PARTS or fact.property in CONNECTIONS or fact.property in _KINEMATIC:
                     neighbors.setdefault(subject, []).append(fact.value.iri)
-                if fact.property in TO_WHOLES or fact.property in CONNECTIONS:
+                if fact.property in TO_WHOLES or fact.property in CONNECTIONS or fact.property == SUCCEEDING_JOINT:
                     neighbors.setdefault(fact.value.iri, []).append(subject)
     return neighbors
 

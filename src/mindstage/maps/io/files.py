@@ -574,9 +574,9 @@ class Source:
     def has_class_geometry(self) -> bool:
         """Whether it gives sizes or meshes for all members of a class."""
         of_members = (*SIZE, BOUNDING_BOX, MESH)
-        return any(True for codec in of_members for _ in self._quads_with_predicate(ON_PROPERTY, codec.property)) or any(
-            True for codec in of_members for _ in self._quads_with_predicate(codec.property)
-        )
+        return any(
+            True for codec in of_members for _ in self._quads_with_predicate(ON_PROPERTY, codec.property)
+        ) or any(True for codec in of_members for _ in self._quads_with_predicate(codec.property))
 
     def terms_of(self, namespaces: tuple[str, ...]) -> list[Iri]:
         """Returns the classes of its individuals in these namespaces, or else the first other name there; sorted."""

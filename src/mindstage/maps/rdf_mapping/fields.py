@@ -352,7 +352,7 @@ class ClassGeometry:
         found = self._cache.get(classes)
         if found is None:
             levels = self._hierarchy.levels(classes) if self._values else ()
-            known = [found for level in levels if (found := [cls for cls in level if cls in self._values])]
+            known = [giving for level in levels if (giving := [cls for cls in level if cls in self._values])]
             x, y, z, mesh = (self._nearest(codec.property, classes, known) for codec in (*SIZE, codecs.MESH))
             found = self._cache[classes] = (x, y, z), mesh
         return found
@@ -436,7 +436,9 @@ def write_mesh(writer: SubjectWriter, classes: tuple[Iri, ...], mesh: str | None
             writer.write(codecs.MESH, mesh)
 
 
-def write_size(writer: SubjectWriter, classes: tuple[Iri, ...], size: Vector | None, map_classes: ClassGeometry) -> None:
+def write_size(
+    writer: SubjectWriter, classes: tuple[Iri, ...], size: Vector | None, map_classes: ClassGeometry
+) -> None:
     """Writes the extents that differ from those of the classes."""
     inherited = map_classes.get(classes)
     if size is None:
@@ -457,7 +459,6 @@ def _effective_size(reader_or_writer: SubjectWriter | SubjectReader, inherited: 
 def _first_known(extents: Iterable[float | None], others: Iterable[float | None] | None) -> PartialSize:
     """The extents, and where one is unknown, the other one."""
     x, y, z = (
-        other if extent is None else extent
-        for extent, other in zip(extents, others or (None, None, None), strict=True)
+        other if extent is None else extent for extent, other in zip(extents, others or (None, None, None), strict=True)
     )
     return x, y, z

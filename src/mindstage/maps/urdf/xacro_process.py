@@ -27,7 +27,6 @@ from mindstage.errors import SourceParseError
 from mindstage.maps.io.ros_packages import RosPackagePath
 
 __all__ = [
-    "XacroRequest",
     "Expansion",
     "FileRequest",
     "PackageRequest",
@@ -35,9 +34,10 @@ __all__ = [
     "Reply",
     "Request",
     "Task",
+    "XacroRequest",
     "expand_xacro",
-    "requested_arguments",
     "read_message",
+    "requested_arguments",
     "write_message",
 ]
 
@@ -66,9 +66,9 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     """What the process expands, and within which limits; the first message to it."""
 
     path: str
-    arguments: Mapping[str, str]
     cpu_s: int
     result_limit: int
+    arguments: Mapping[str, str] = {}
 
 
 class FileRequest(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -183,7 +183,7 @@ def expand_xacro(
     timer.start()
     outcome: Expansion | None = None
     reason = ""
-    task = Task(path=str(path), arguments=arguments, cpu_s=int(timeout_s) + 1, result_limit=_RESULT_LIMIT)
+    task = Task(path=str(path), arguments=dict(arguments), cpu_s=int(timeout_s) + 1, result_limit=_RESULT_LIMIT)
     try:
         outcome = _serve(process, task, files)
     except ValueError as error:  # msgspec.DecodeError is one too
