@@ -29,7 +29,7 @@ from mindstage.maps.dialects.unit_conversion import convert_source_map, is_conve
 from mindstage.maps.dialects.units import infer_conventions
 from mindstage.maps.rdf_mapping.fields import ClassGeometry
 from mindstage.maps.rdf_mapping.nested import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NestedResource
-from mindstage.maps.rdf_mapping.properties import MASS, MESH, QUATERNION, TRANSLATION, SubjectWriter
+from mindstage.maps.rdf_mapping.properties import MASS, QUATERNION, TRANSLATION, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, part_name
 from mindstage.rdf.vocabulary import (
     CHILD,
@@ -76,8 +76,6 @@ _PANEL_RATIO = 0.4
 AMEVA_DIALECT = "AMEVA"
 AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
 _DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
-_CLASS_VALUED = (MASS.property, MESH.property)
-"""Properties whose value a class may give for all its members, by which the dialect is detected."""
 
 
 def add_joint_definitions(source_map: SourceMap) -> SourceMap:
@@ -303,7 +301,7 @@ def is_ameva(source_map: SourceMap) -> bool:
             if fact.property == TYPE and isinstance(fact.value, IriRef):
                 classes.add(fact.value.iri)
     values = (fact for cls in classes for fact in _class_values(source_map.graph.get(cls, ())))
-    return not JOINT_CLASSES.isdisjoint(classes) or any(fact.property in _CLASS_VALUED for fact in values)
+    return not JOINT_CLASSES.isdisjoint(classes) or any(fact.property == MASS.property for fact in values)
 
 
 def read_ameva(source_map: SourceMap) -> World:
@@ -343,7 +341,7 @@ def _class_values(facts: Sequence[PropertyAssertion]) -> Iterator[PropertyAssert
             inner = fact.value.facts
             on = references(inner, ON_PROPERTY)
             yield from (PropertyAssertion(on[0], each.value) for each in inner if each.property == HAS_VALUE and on)
-        elif fact.property in _CLASS_VALUED:
+        elif fact.property == MASS.property:
             yield fact
 
 
