@@ -36,7 +36,8 @@ MESSAGES: list[tuple[MindstageError, str]] = [
     (MapNotFoundError(requested="a", known=["b", "c"]), "no map 'a'; there is b, c"),
     (
         MapNotFoundError(requested="a.owl"),
-        "no semantic map in a.owl: nothing there is a knowrob:SemanticEnvironmentMap",
+        "no semantic map in a.owl: nothing there is a knowrob:SemanticEnvironmentMap or has a pose; "
+        "if it is an ontology, load it as --ontology FILE (in Python ontologies), together with a map",
     ),
     (AmbiguousMapError(["a", "b"]), "2 maps are loaded (a, b); name one of them"),
     (MapRejectedError("m", findings=["odd"]), "m is rejected for 1 finding: odd; fix them, or leave out --strict"),

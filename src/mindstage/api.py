@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
     from mindstage.maps import UnitConventions
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.saving import FileDialect
     from mindstage.scene import World, WorldDiff
     from mindstage.simulation import Simulation
@@ -49,7 +50,7 @@ def open(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     urdf: StrPath | Iterable[StrPath] = (),
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
     endpoint: SparqlEndpoint | str | None = None,
@@ -72,7 +73,8 @@ def open(
         bundled_ontology: whether the bundled household ontology is loaded.
         urdf: robot descriptions (URDF, xacro) that define the links which the maps refer to.
         xacro: whether the robot descriptions among `maps` and `robots` are expanded if they contain xacro; by default
-            those whose name ends in `.xacro`, so False never runs a macro.
+            those whose name ends in `.xacro`, so False never runs a macro. A mapping gives the values of their
+            arguments (`xacro:arg`), and asks for the expansion too.
         conventions: units, frame and quaternion order of the maps, which are otherwise inferred: one for all maps, or
             one per map.
         store: the folder of a persistent knowledge base.
@@ -124,7 +126,7 @@ def connect(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     urdf: StrPath | Iterable[StrPath] = (),
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     control_time: bool = False,
     timeout_s: Timeout = 10.0,
@@ -177,7 +179,7 @@ def load(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     urdf: StrPath | Iterable[StrPath] = (),
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> World:
     """Loads one map as a world: bodies, joints, lights, and all other statements of the map as facts.
@@ -264,7 +266,7 @@ def diff(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     urdf: StrPath | Iterable[StrPath] = (),
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
 ) -> WorldDiff:
     """Compares two worlds: bodies, joints, attachments, lights and facts. `print` the result for a summary.
@@ -364,7 +366,7 @@ def load_knowledge(
     ontologies: StrPath | Iterable[StrPath] = (),
     bundled_ontology: bool = True,
     urdf: StrPath | Iterable[StrPath] = (),
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
     conventions: UnitConventions | Sequence[UnitConventions] | None = None,
     store: StrPath | None = None,
     endpoint: SparqlEndpoint | str | None = None,

@@ -283,7 +283,10 @@ class MapNotFoundError(KnowledgeError):
         if self.known:
             return f"no map {self.requested!r}; there is {', '.join(self.known)}"
         where = f" in {self.requested}" if self.requested else ""
-        return f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap"
+        return (
+            f"no semantic map{where}: nothing there is a knowrob:SemanticEnvironmentMap or has a pose; "
+            "if it is an ontology, load it as --ontology FILE (in Python ontologies), together with a map"
+        )
 
 
 class AmbiguousMapError(KnowledgeError):

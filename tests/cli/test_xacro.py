@@ -54,3 +54,18 @@ def test_a_description_is_expanded_by_its_suffix_or_with_the_flag(run: Run, tmp_
     assert json_output(run("spawn", path, "--no-viewer", "--json", "--xacro"))["spawn"]["bodies"] == 1
     named = path.rename(tmp_path / "robot.urdf.xacro")
     assert json_output(run("spawn", named, "--no-viewer", "--json"))["spawn"]["bodies"] == 1
+
+
+def test_arguments_of_descriptions_are_given_by_name(run: Run, tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    argument = "<xacro:arg name='n' default='0'/><xacro:if value='$(arg n)'><link name='more'/></xacro:if>"
+    text = f"<robot name='r' xmlns:xacro='http://www.ros.org/wiki/xacro'>{argument}<link name='base'/>"
+    joint = "<joint name='j' type='fixed'><parent link='base'/><child link='more'/></joint>"
+    joint = f"<xacro:if value='$(arg n)'>{joint}</xacro:if>"
+    path.write_text(f"{text}{joint}</robot>", encoding="utf-8")
+    for flags, bodies in ((("--xacro",), 1), (("--xacro-arg", "n:=1"), 2)):
+        assert json_output(run("spawn", path, "--no-viewer", "--json", *flags))["spawn"]["bodies"] == bodies
+    for wrong in (("n=1",), (":=1",), ("n:=1", "--xacro-arg", "n:=0")):
+        result = run("spawn", path, "--no-viewer", "--xacro-arg", *wrong)
+        assert result.exit_code == 2
+        assert "--xacro-arg" in result.stderr

@@ -25,6 +25,7 @@ from mindstage.maps.urdf.xacro_process import (
     Reply,
     Request,
     Task,
+    XacroRequest,
     expand_xacro,
     read_message,
     write_message,
@@ -117,13 +118,13 @@ def doubled(file: Path) -> Path:
     return file
 
 
-def _load(path: Path, xacro: bool | None) -> ms.World:
+def _load(path: Path, xacro: XacroRequest) -> ms.World:
     with KnowledgeBase() as knowledge:
         knowledge.load(path, xacro=xacro)
         return knowledge.world()
 
 
-def _opened(path: Path, xacro: bool | None) -> ms.World:
+def _opened(path: Path, xacro: XacroRequest) -> ms.World:
     with ms.open(path, engine="null", xacro=xacro) as simulation:
         return simulation.snapshot()
 
@@ -369,3 +370,13 @@ def test_without_a_sandbox_nothing_is_expanded(doubled: Path, monkeypatch: pytes
     )
     with pytest.raises(SourceParseError, match="only in a confined process: no such kernel"):
         ms.load(doubled, xacro=True)
+
+
+def test_arguments_are_given_by_a_mapping_which_asks_for_the_expansion(file: Path) -> None:
+    text = "<xacro:arg name='size' default='1.0'/>" + link_urdf("base", box_urdf("$(arg size) 1 1"))
+    file.write_text(robot_urdf(text, extra_attributes=_XACRO), encoding="utf-8")
+    for read in (_load, _opened):
+        assert read(file, True).body("base").size == (1.0, 1.0, 1.0)
+        assert read(file, {"size": "0.25"}).body("base").size == (0.25, 1.0, 1.0)
+        with pytest.raises(XacroRefusedError):
+            read(file, None)

@@ -31,6 +31,7 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.cli.simulate import SpawnedMap
     from mindstage.imagination import Perform, Plan, PlanFile, SampleResult, TryFirstResult
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.robots.models.robot_model import RobotModel
     from mindstage.robots.robot import Robot
     from mindstage.robots.skill_declaration import SkillStep
@@ -154,7 +155,7 @@ def do(
         out=out,
         trial=trial.arguments(),
     )
-    model = _model(robot, self_model, xacro=options.expands_xacro)
+    model = _model(robot, self_model, xacro=options.xacro_request)
     with spawned_map(sources, options, strict=strict) as spawned:
         return _do_in(spawned, model, wanted, verbose=verbose, as_json=as_json)
 
@@ -349,7 +350,7 @@ def _new_file(record: Path | None) -> Path | None:
 # -- the robot ---------------------------------------------------------------------------------------------------------
 
 
-def _model(name: str, self_model: Path | None, *, xacro: bool | None) -> RobotModel:
+def _model(name: str, self_model: Path | None, *, xacro: XacroRequest) -> RobotModel:
     from mindstage.robots.models.reading import load_model
 
     with progress_spinner("reading the robot"):

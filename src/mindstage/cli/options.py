@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from enum import Enum
 
     from mindstage.maps import UnitConventions
+    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = [
     "DEFAULT_MAP",
@@ -400,6 +401,17 @@ ExpandXacro = Annotated[
     ),
 ]
 
+XacroArguments = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--xacro-arg",
+        metavar="NAME:=VALUE",
+        help="The value of an argument (xacro:arg) of the robot descriptions that are named here, which are expanded "
+        "then; may be repeated.",
+        show_default=False,
+    ),
+]
+
 Bundled = Annotated[
     bool,
     typer.Option(
@@ -569,6 +581,7 @@ class MapReading(OptionGroup):
     bundled: Bundled = True
     urdf: UrdfFiles = None
     xacro: ExpandXacro = False
+    xacro_arguments: XacroArguments = None
     units: UnitNames = None
     frame: FrameNames = None
     quaternion: QuaternionOrders = None
@@ -576,9 +589,22 @@ class MapReading(OptionGroup):
     mobility: UnstatedMobilities = None
 
     @property
-    def expands_xacro(self) -> bool | None:
-        """Whether the descriptions that are named are expanded; None for those whose name ends in .xacro."""
-        return self.xacro or None
+    def xacro_request(self) -> XacroRequest:
+        """Whether the descriptions that are named are expanded; None for those whose name ends in .xacro.
+
+        Raises:
+            InvalidArgumentError: an argument is not NAME:=VALUE, or is given twice.
+        """
+        if not self.xacro_arguments:
+            return self.xacro or None
+        arguments: dict[str, str] = {}
+        for given in self.xacro_arguments:
+            name, separator, value = given.partition(":=")
+            if not separator or not name or name in arguments:
+                cause = f"{given!r} is not NAME:=VALUE" if name not in arguments else f"{name} is given twice"
+                raise InvalidArgumentError("--xacro-arg", cause=cause, remedy="write --xacro-arg size:=0.4")
+            arguments[name] = value
+        return arguments
 
     def conventions(self, maps: Sequence[str]) -> list[UnitConventions]:
         """The conventions of each map; a value for one map overrides a value for all maps.

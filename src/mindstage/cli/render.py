@@ -38,6 +38,7 @@ from mindstage.ranges import Count, Finite, Time
 from mindstage.ranges import Seed as SeedNumber
 
 if TYPE_CHECKING:
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.rendering import CameraPose
     from mindstage.rendering.path_tracing import PathTracingSettings
     from mindstage.rendering.render_scene import RenderScene
@@ -161,7 +162,7 @@ def render(
     check_renderer()  # before the map is read, so that a missing library fails at once
     with _scene(maps, at, options) as (sim, summary):
         _open(sim, opened or [])
-        own = None if robot is None else _add_robot(sim, robot, xacro=options.expands_xacro)
+        own = None if robot is None else _add_robot(sim, robot, xacro=options.xacro_request)
         step_with_progress(sim, view.simulated_s)
         results = [target.apply(sim) for target in targets]
         taken = _Shooting(sim, settings, own, camera, clip_height=view.section)
@@ -362,7 +363,7 @@ def _open(simulation: Simulation, texts: Sequence[str]) -> None:
             warn(f"not opened as far as wanted: {motion}")
 
 
-def _add_robot(simulation: Simulation, source: str, *, xacro: bool | None) -> str:
+def _add_robot(simulation: Simulation, source: str, *, xacro: XacroRequest) -> str:
     from mindstage.robots.standing import add_standing_robot
 
     with progress_spinner("adding the robot"):

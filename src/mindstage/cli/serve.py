@@ -44,6 +44,7 @@ from mindstage.ranges import WallTime
 if TYPE_CHECKING:
     from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
     from mindstage.knowledge import KnowledgeBase
+    from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.scene import World
     from mindstage.simulation import Simulation
 
@@ -194,7 +195,7 @@ def serve(
             _connect(connect, server.token, tls_authorities, refused) if connect else LocalNode()
         )
         spawned = _spawn_map(simulation, world, options, as_json=as_json)
-        spawned |= _add_robots(simulation, robot or (), xacro=options.expands_xacro, as_json=as_json)
+        spawned |= _add_robots(simulation, robot or (), xacro=options.xacro_request, as_json=as_json)
         ros = RosVersion.ONE if ros1 else RosVersion.TWO
         interface = RosInterface(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
@@ -304,7 +305,7 @@ def _spawn_map(
 
 
 def _add_robots(
-    simulation: Simulation, sources: Sequence[str], *, xacro: bool | None, as_json: bool
+    simulation: Simulation, sources: Sequence[str], *, xacro: XacroRequest, as_json: bool
 ) -> dict[str, object]:
     """Adds robots at free places on the floor."""
     from mindstage.robots.standing import add_standing_robot

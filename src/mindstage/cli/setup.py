@@ -160,7 +160,7 @@ def knowledge_base(
         ontologies=[*(reading.ontologies or ()), *_ros_packages()],
         bundled_ontology=reading.bundled,
         urdf=reading.urdf or (),
-        xacro=reading.expands_xacro,
+        xacro=reading.xacro_request,
         conventions=reading.conventions(maps) if conventions is None else conventions,
         store=store,
         endpoint=endpoint,

@@ -42,15 +42,28 @@ from mindstage.rdf.graphs import (
     PRESENT_GRAPH,
     Finding,
     FindingSink,
+    ObjectNode,
     Severity,
     SparqlResult,
     TripleStore,
     gc_paused,
     local_name,
     node_to_look_up,
+    quads_with_property,
 )
 from mindstage.rdf.taxonomy import ClassHierarchy
-from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, OWL_CLASS, SUBCLASS_OF, TYPE, xsd
+from mindstage.rdf.vocabulary import (
+    DESCRIBED_IN_MAP,
+    EQUIVALENT_CLASS,
+    FIRST,
+    INTERSECTION_OF,
+    OWL,
+    OWL_CLASS,
+    REST,
+    SUBCLASS_OF,
+    TYPE,
+    xsd,
+)
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -60,6 +73,7 @@ if TYPE_CHECKING:  # not every program needs these
     from mindstage.knowledge.sparql_query import QueryPrefixes
     from mindstage.knowledge.world_cache import WorldCache
     from mindstage.maps.io.graph_diff import SourceMapView
+    from mindstage.maps.urdf.xacro_process import XacroRequest
 
 __all__ = ["AnswerCache", "KnowledgeBase"]
 
@@ -257,7 +271,7 @@ class KnowledgeBase:
         ontologies: StrPath | Iterable[StrPath] = (),
         conventions: UnitConventions = UnitConventions(),  # noqa: B008 - it is frozen
         urdf: StrPath | Iterable[StrPath] = (),
-        xacro: bool | None = None,
+        xacro: XacroRequest = None,
         follow_imports: bool = True,
         untrusted: bool = False,
     ) -> None:
@@ -274,8 +288,9 @@ class KnowledgeBase:
                 and listed by `assumptions`.
             urdf: robot descriptions that hold the poses and joints of maps that only name links.
             xacro: whether these robot descriptions are expanded if they contain xacro; by default those whose name ends
-                in `.xacro`. Give False for names that the user has not chosen. The macros can only compute, and read
-                files beside the description, in its package and in the given folders of packages.
+                in `.xacro`. A mapping gives the values of their arguments (`xacro:arg`), and asks for it too. Give
+                False for names that the user has not chosen. The macros can only compute, and read files beside the
+                description, in its package and in the given folders of packages.
             follow_imports: whether what they import is read; otherwise it is a finding.
             untrusted: True for files that came over a port: nothing else is read for them, and one that refers to
                 something else is refused. An import of an ontology that is loaded already is accepted, by its IRI, its
@@ -406,7 +421,8 @@ class KnowledgeBase:
         with self.lock:
             source_map = self._source_map(self._resolve_map(map))
             implied = self._registry.implied_members(source_map.map)
-            return SourceMapView(replace(source_map, implied_members=implied))
+            names = self._registry.current_names(source_map.map)
+            return SourceMapView(replace(source_map, implied_members=implied, current_names=names))
 
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
@@ -806,13 +822,35 @@ class KnowledgeBase:
         """Built when it is first needed, and again after more was loaded."""
         self._registry.prepare_endpoint()
         pairs = []
+        intersections = {
+            quad.subject: self._list_members(quad.object) for quad in quads_with_property(self._store, INTERSECTION_OF)
+        }
+        for cls, members in intersections.items():
+            if isinstance(cls, ox.NamedNode):
+                pairs += [(Iri(cls.value), member) for member in members]
         for property in (SUBCLASS_OF, EQUIVALENT_CLASS):
-            for quad in self._store.quads_for_pattern(None, ox.NamedNode(property), None):
-                if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.NamedNode):
+            for quad in quads_with_property(self._store, property):
+                if not isinstance(quad.subject, ox.NamedNode):
+                    continue
+                if isinstance(quad.object, ox.NamedNode):
                     pairs.append((Iri(quad.subject.value), Iri(quad.object.value)))
                     if property == EQUIVALENT_CLASS:
                         pairs.append((Iri(quad.object.value), Iri(quad.subject.value)))
+                elif isinstance(quad.object, ox.BlankNode):
+                    pairs += [(Iri(quad.subject.value), member) for member in intersections.get(quad.object, ())]
         return ClassHierarchy(pairs)
+
+    def _list_members(self, node: ObjectNode) -> list[Iri]:
+        """The named resources in an RDF list."""
+        members: list[Iri] = []
+        nodes = [node]
+        for each in nodes:
+            if isinstance(each, ox.BlankNode):
+                first = self._store.quads_for_pattern(each, ox.NamedNode(FIRST), None)
+                members += [Iri(quad.object.value) for quad in first if isinstance(quad.object, ox.NamedNode)]
+                rest = self._store.quads_for_pattern(each, ox.NamedNode(REST), None)
+                nodes += [quad.object for quad in rest if quad.object not in nodes]
+        return members
 
     def _invalidate(self, quads: Sequence[ox.Quad]) -> None:
         """Updates what depends on these statements, which were added or removed."""
@@ -875,7 +913,8 @@ class KnowledgeBase:
             graph=graph,
             members=members,
             ontologies=[
-                nest_blank_nodes(self._registry.source_graph(source)[0]) for source in self._registry.size_sources()
+                nest_blank_nodes(self._registry.source_graph(source)[0])
+                for source in self._registry.class_geometry_sources()
             ],
             hierarchy=self._taxonomy,
             report=self._add_finding,

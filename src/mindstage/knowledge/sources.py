@@ -56,7 +56,7 @@ from mindstage.maps.io.formats import MapFormat, read_with, readable_suffixes
 from mindstage.maps.io.ros_packages import RosPackagePath, file_from_iri
 from mindstage.maps.io.xml import external_reference
 from mindstage.maps.urdf.in_maps import ClassNameIndex, UrdfSources, is_urdf, linked_individuals
-from mindstage.maps.urdf.xacro_process import is_requested
+from mindstage.maps.urdf.xacro_process import XacroRequest, requested_arguments
 from mindstage.rdf.graphs import (
     BUNDLED_GRAPHS,
     FILE_GRAPHS,
@@ -72,15 +72,17 @@ from mindstage.rdf.graphs import (
 )
 from mindstage.rdf.vocabulary import (
     DUL,
+    HAS_POSE,
     IMPORTS,
     ONTOLOGY,
     POSE_PROPERTIES,
     RDF,
+    SEMANTIC_MAP,
     SOMA_NAMESPACES,
     TYPE,
     VERSION_IRI,
 )
-from mindstage.scene import Iri, IriRef
+from mindstage.scene import Iri, IriRef, PropertyAssertion
 from mindstage.unicode_json import values_without_surrogates
 
 if TYPE_CHECKING:  # few knowledge bases are kept in a folder or at an endpoint
@@ -96,10 +98,13 @@ _END_TAG = re.compile(rb"</([\w.-]+:)?RDF\s*>")
 _BEGIN_IMPLIED, _END_IMPLIED = "The statements below are implied:", "The statements above are implied."
 _IMPLIED = re.compile(rf"(?:<!--|#) {_BEGIN_IMPLIED}(?: -->)?\n(.*?)(?:<!--|#) {_END_IMPLIED}".encode(), re.DOTALL)
 """The statements that `preprocess` has appended to a text, between two comments."""
+_IS_MAP = PropertyAssertion(TYPE, IriRef(SEMANTIC_MAP))
 _MAX_REFUSED_NAMES = 5
 _ALIGNED_NAMESPACES = (*SOMA_NAMESPACES, DUL)
 _ALIGNED_MARKERS = tuple(namespace.rpartition("/")[2].rstrip("#").encode() for namespace in _ALIGNED_NAMESPACES)
 """The names of the files of SOMA and DUL: a text that uses their terms contains one, whatever its prefixes are."""
+_MAP_MARKERS = (b"SemanticEnvironmentMap", b"describedInMap")
+_POSE = local_name(HAS_POSE).encode()
 _POSE_MARKERS = tuple(local_name(property).encode() for property in POSE_PROPERTIES)
 
 
@@ -129,7 +134,8 @@ def preprocess(file: SourceFile, urdf_sources: UrdfSources) -> SourceFile:
 
     A file that does not parse is returned unchanged; loading it reports the error.
     """
-    if not any(marker in file.data for marker in _POSE_MARKERS):
+    has_map = any(marker in file.data for marker in _MAP_MARKERS)
+    if not any(marker in file.data for marker in (_POSE_MARKERS if has_map else (_POSE, *_POSE_MARKERS))):
         return file
     try:
         quads = list(ox.parse(file.data, file.format, base_iri=file.iri))
@@ -161,10 +167,28 @@ def _append_statements(file: SourceFile, added: Graph) -> SourceFile:
 def _implied_subjects(file: SourceFile) -> Iterator[Iri]:
     """Yields the subjects of the statements that `preprocess` has appended to a text."""
     for found in _IMPLIED.finditer(file.data) if _BEGIN_IMPLIED.encode() in file.data else ():
-        data = found[1]
-        if file.format == ox.RdfFormat.RDF_XML:
-            data = f'<rdf:RDF xmlns:rdf="{RDF}">'.encode() + data + b"</rdf:RDF>"
-        yield from graph_from_quads(ox.parse(data, file.format), set())
+        yield from _parse_implied(file, found[1])
+
+
+def _parse_implied(file: SourceFile, data: bytes) -> Graph:
+    if file.format == ox.RdfFormat.RDF_XML:
+        data = f'<rdf:RDF xmlns:rdf="{RDF}">'.encode() + data + b"</rdf:RDF>"
+    return graph_from_quads(ox.parse(data, file.format), set())
+
+
+def _derived_map(file: SourceFile) -> Assumption | None:
+    """The assumption that the individuals of a file are in a map, if it has none; `preprocess` has appended the map."""
+    found = next(_IMPLIED.finditer(file.data), None) if _BEGIN_IMPLIED.encode() in file.data else None
+    if found is None or local_name(SEMANTIC_MAP).encode() not in found[1]:
+        return None
+    implied = _parse_implied(file, found[1])
+    map = next((subject for subject, facts in implied.items() if _IS_MAP in facts), None)
+    if map is None:
+        return None
+    evidence = (
+        f"nothing there is a SemanticEnvironmentMap, and {len(implied) - 1} individuals have poses or belong to them"
+    )
+    return Assumption(map, "map", f"{local_name(map)}, derived from {file.path.name}", evidence)
 
 
 def _as_n_triples(file: SourceFile, quads: Sequence[ox.Quad], added: Graph) -> tuple[SourceFile, Graph]:
@@ -219,8 +243,8 @@ class LoadTransaction:
     """Stores a text and returns a function that reads it."""
     urdf_paths: Iterable[Path] = ()
     """Robot descriptions whose links maps may refer to."""
-    xacro_paths: Collection[Path] = frozenset()
-    """The robot descriptions that are expanded if they contain xacro, by resolved path."""
+    xacro_paths: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    """The robot descriptions that are expanded if they contain xacro, by resolved path, with their arguments."""
     follow_imports: bool = True
     """Whether imported files that are not loaded yet are loaded."""
     untrusted: bool = False
@@ -315,6 +339,8 @@ class LoadTransaction:
         self.findings += file.findings()
         if any(marker in file.data for marker in _ALIGNED_MARKERS) and not is_bundled(path, bundled_ontology()):
             self._may_use_soma.append(path)
+        if is_map and (derived := _derived_map(file)):
+            self.assumptions.append(derived)
         text = self.store_text(file)
         self.sources[path] = Source(str(path), graph, self.store, text, is_map, is_explicit, header)
 
@@ -543,7 +569,7 @@ class SourceRegistry:
         urdf: Iterable[StrPath] = (),
         follow_imports: bool = True,
         *,
-        xacro: bool | None = False,
+        xacro: XacroRequest = False,
         untrusted: bool = False,
         builds_index: bool = True,
     ) -> list[ox.NamedNode]:
@@ -555,8 +581,8 @@ class SourceRegistry:
             conventions: given conventions of the maps.
             urdf: robot descriptions that maps refer to.
             follow_imports: whether imported files are loaded.
-            xacro: whether the given robot descriptions are expanded if they contain xacro; None for those whose name
-                ends in `.xacro`.
+            xacro: whether the given robot descriptions are expanded if they contain xacro, or the values of their
+                arguments; None for those whose name ends in `.xacro`.
             untrusted: whether files that refer to anything that is not loaded are refused.
             builds_index: whether the index of a store folder is updated; otherwise `save_index` does so later.
 
@@ -577,7 +603,11 @@ class SourceRegistry:
         transaction = self._new_transaction(
             packages,
             urdf_paths=list(urdf_paths),
-            xacro_paths={path.resolve() for path in (*paths, *robots) if is_requested(path, asked)},
+            xacro_paths={
+                path.resolve(): arguments
+                for path in (*paths, *robots)
+                if (arguments := requested_arguments(path, asked)) is not None
+            },
             follow_imports=follow_imports and not untrusted,
             untrusted=untrusted,
         )
@@ -884,10 +914,10 @@ class SourceRegistry:
         """Returns the sources that worlds may be made from."""
         return [source for source in self.all_sources() if source.is_map or source.has_maps()]
 
-    def size_sources(self) -> Iterator[Source]:
-        """Returns the ontologies that give sizes; sizes in the sources of maps are read with the maps."""
+    def class_geometry_sources(self) -> Iterator[Source]:
+        """Returns the ontologies that give sizes or meshes; those in the sources of maps are read with the maps."""
         maps = {source.name for source in self.map_sources()}
-        return (source for source in self.all_sources() if source.name not in maps and source.has_class_sizes())
+        return (source for source in self.all_sources() if source.name not in maps and source.has_class_geometry())
 
     def maps_in(self, source: Source) -> tuple[Iri, ...]:
         """Returns the maps that a source describes, in its order.
@@ -929,6 +959,12 @@ class SourceRegistry:
         again = with_inferred_membership({subject: facts for subject, facts in stated.items() if facts})
         same = again.keys() == members.keys() and all(set(again[each]) == set(members[each]) for each in members)
         return implied if same else frozenset()
+
+    def current_names(self, map: Iri) -> frozenset[str] | None:
+        """Returns what sources of a map do not write in the old namespaces of KnowRob; None if none uses these."""
+        found = [source.current_names() for source in self.sources.values() if map in self.maps_in(source)]
+        used = [names for names in found if names is not None]
+        return frozenset().union(*used) if used else None
 
     def source_graph(self, source: Source) -> tuple[Graph, MapMembers]:
         """Returns the exact statements of a source and the members of its maps; the result is cached.

@@ -292,7 +292,7 @@ report_missing_package(Source, Package) :-
 % -- errors while a file is loaded ------------------------------------------------------------------------------------
 
 % A directive that calls a predicate which a missing library may provide is a warning with the reason, since the rest of the
-% file is loaded. The same holds for exports that a library of machine code should have defined.
+% file is loaded. The same holds for exports that no clause defines: SWI-Prolog loads such a module too.
 :- multifile user:message_hook/3.
 :- dynamic user:message_hook/3.
 
@@ -301,9 +301,11 @@ user:message_hook(Message, error, _) :-
     print_message(warning, Warning).
 
 outside_warning(undefined_export(Module, Procedure), mindstage_missing_predicate(Procedure, Reason)) :- !,
-    module_property(Module, file(File)),
-    missing_object(File),
-    Reason = "it is one of a library of machine code that is not loaded".
+    (   module_property(Module, file(File)),
+        missing_object(File)
+    ->  Reason = "it is one of a library of machine code that is not loaded"
+    ;   Reason = "its module exports it without a clause"
+    ).
 outside_warning(Message, Warning) :-
     load_error(Message, Source, Error),
     outside_reason(Error, Source, Warning).

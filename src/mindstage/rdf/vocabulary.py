@@ -54,6 +54,7 @@ __all__ = [
     "EQUIVALENT_CLASS",
     "EVENT",
     "EVENT_OCCURS_AT",
+    "FIRST",
     "FRAME",
     "GIVEN_SIZES",
     "HAS_ANGULAR",
@@ -67,6 +68,7 @@ __all__ = [
     "HAS_VALUE",
     "HINGED_TO",
     "IMPORTS",
+    "INTERSECTION_OF",
     "JOINT_CLASSES",
     "JOINT_VALUES",
     "KNOWROB",
@@ -92,15 +94,19 @@ __all__ = [
     "QUATERNION_ORDER",
     "RDF",
     "RDFS",
+    "REST",
     "RESTATES",
     "REVOLUTE_JOINT",
     "SEMANTIC_MAP",
     "SIZES",
     "SOMA",
     "SOMA_NAMESPACES",
+    "SRDL",
     "START_TIME",
     "STORAGE",
     "SUBCLASS_OF",
+    "SUCCEEDING_JOINT",
+    "SUCCEEDING_LINK",
     "SYNONYM",
     "TAGS_DATA",
     "TAGS_JSON",
@@ -120,6 +126,7 @@ __all__ = [
     "knowrob",
     "ms",
     "soma",
+    "srdl",
     "urdf",
     "xsd",
 ]
@@ -153,6 +160,8 @@ LABEL = Iri(RDFS + "label")
 SYNONYM = Iri("http://www.w3.org/2004/02/skos/core#altLabel")
 SUBCLASS_OF = Iri(RDFS + "subClassOf")
 EQUIVALENT_CLASS = Iri(OWL + "equivalentClass")
+INTERSECTION_OF = Iri(OWL + "intersectionOf")
+FIRST, REST = Iri(RDF + "first"), Iri(RDF + "rest")
 ON_PROPERTY = Iri(OWL + "onProperty")
 HAS_VALUE = Iri(OWL + "hasValue")
 IMPORTS = Iri(OWL + "imports")
@@ -208,6 +217,7 @@ SOMA_NAMESPACES = (
     *(f"http://www.ease-crc.org/ont/{name}.owl#" for name in ("SOMA-HOME", "SOMA-OBJ", "SOMA-ACT")),
 )
 """The namespaces of SOMA; its modules had their own in some versions."""
+SRDL = "http://knowrob.org/kb/srdl2-comp.owl#"
 URDF = "http://knowrob.org/kb/urdf.owl#"
 
 
@@ -219,6 +229,11 @@ def dul(name: str) -> Iri:
 def soma(name: str) -> Iri:
     """A term of the SOMA ontology."""
     return Iri(SOMA + name)
+
+
+def srdl(name: str) -> Iri:
+    """A term of SRDL 2 for the components of robots."""
+    return Iri(SRDL + name)
 
 
 def urdf(name: str) -> Iri:
@@ -257,6 +272,8 @@ HAS_COLOR = soma("hasColor")
 HAS_JOINT = urdf("hasJoint")
 BASE_LINK_NAME, END_LINK_NAME = urdf("hasBaseLinkName"), urdf("hasEndLinkName")
 URDF_LINK = urdf("Link")
+
+SUCCEEDING_LINK, SUCCEEDING_JOINT = srdl("succeedingLink"), srdl("succeedingJoint")
 
 POSE_PROPERTIES = (ORIENTATION, OBJECT_ACTED_ON, HAS_LOCALIZATION, BASE_LINK_NAME, END_LINK_NAME)
 """An individual that has one of these, or that is their value (a perceived object), has a pose."""

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from mindstage.engines.base import Actuator, Capability, Engine
 from mindstage.engines.edits import RestoreBodies, SetActuators
 from mindstage.errors import RobotModelError, SpawnRefusedError
+from mindstage.maps.urdf.xacro_process import XacroRequest
 from mindstage.robots.controller import RobotController
 from mindstage.robots.drives import drives_of
 from mindstage.robots.models.reading import load_model
@@ -216,7 +217,7 @@ def add_robot(
     pose: PoseLike = IDENTITY,
     *,
     name: str = "",
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
 ) -> Robot:
     """Spawns a robot with its drives: `add_robot(sim, "mobile_manipulator")`.
 
@@ -225,7 +226,8 @@ def add_robot(
         pose: where it stands on the floor, in the world frame; three numbers are x, y and z, without a rotation.
         name: its name; by default that of the model, numbered if there are several.
         xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`.
-            Give False for a source that the user has not chosen.
+            A mapping gives the values of its arguments (`xacro:arg`). Give False for a source that the user has not
+            chosen.
 
     Raises:
         RobotNotFoundError: no model has that name.

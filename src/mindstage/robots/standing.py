@@ -6,6 +6,7 @@ import math
 import os
 
 from mindstage.errors import CommandRefusedError
+from mindstage.maps.urdf.xacro_process import XacroRequest
 from mindstage.ranges import Coordinate, checked
 from mindstage.robots.edits import add_robot
 from mindstage.robots.models.reading import load_model
@@ -32,7 +33,7 @@ def add_standing_robot(
     *,
     near: tuple[Coordinate, Coordinate] | None = None,
     name: str = "",
-    xacro: bool | None = False,
+    xacro: XacroRequest = False,
 ) -> Robot:
     """Adds a robot that stands on the floor.
 

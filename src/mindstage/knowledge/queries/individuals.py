@@ -15,10 +15,12 @@ from mindstage.knowledge.explain import (
     missing_description,
     missing_file,
     missing_instance,
+    restriction_line,
     source_text,
     statement_line,
     subclass_line,
 )
+from mindstage.knowledge.owl import RestrictionType
 from mindstage.knowledge.questions import (
     MAP_SOURCE,
     AnswerRow,
@@ -33,6 +35,7 @@ from mindstage.knowledge.questions import (
     question,
 )
 from mindstage.knowledge.reasoner import PartOfStep, Reasoner
+from mindstage.maps.rdf_mapping.properties import BOUNDING_BOX, MESH, SIZE
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import CHILD, CONSTRAINT, HAS_POSE, THING, TYPE, knowrob
 from mindstage.scene import (
@@ -518,6 +521,27 @@ def _explain_individual(kb: QuestionContext, row: IndividualDescription) -> Iter
         farthest = max(classes.above(cls), key=lambda above: classes.above(cls)[above])
         yield from membership_lines(kb.reasoner, row.individual, cls)
         yield from subclass_line(classes.path(cls, farthest))
+    yield from _lines_of_class_values(kb, row)
+
+
+def _lines_of_class_values(kb: QuestionContext, row: IndividualDescription) -> Iterator[str]:
+    """The classes that give the size and the mesh of an individual, where it does not state its own."""
+    own = {fact.property for fact in kb.facts_of(row.individual)}
+    sizes = tuple(codec.property for codec in (*SIZE, BOUNDING_BOX))
+    for value, properties in ((row.size, sizes), (row.mesh, (MESH.property,))):
+        if value is None or own.intersection(properties):
+            continue
+        for property in properties:
+            given = [
+                (len(kb.reasoner.classes.path(cls, each.cls)), each.cls, each.restriction)
+                for cls in row.classes
+                for each in kb.reasoner.restrictions(cls)
+                if each.restriction.property == property
+                and each.restriction.restriction_type is RestrictionType.HAS_VALUE
+            ]
+            if given:
+                _, cls, restriction = min(given, key=lambda each: each[:2])
+                yield restriction_line(cls, restriction)
 
 
 @what_is.missing

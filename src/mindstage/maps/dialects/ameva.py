@@ -28,9 +28,9 @@ from mindstage.maps.dialects.semlog import read_semlog, with_tag_properties
 from mindstage.maps.dialects.source_map import Dialect, SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import convert_source_map, is_converted, original_property
 from mindstage.maps.dialects.units import infer_conventions
-from mindstage.maps.rdf_mapping.fields import ClassSizes
+from mindstage.maps.rdf_mapping.fields import ClassGeometry
 from mindstage.maps.rdf_mapping.nested import NESTED_ANGULAR_LIMITS, NESTED_LINEAR_LIMITS, NestedResource
-from mindstage.maps.rdf_mapping.properties import MASS, MESH, QUATERNION, TRANSLATION, SubjectWriter
+from mindstage.maps.rdf_mapping.properties import MASS, QUATERNION, TRANSLATION, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, part_name
 from mindstage.rdf.vocabulary import (
     CHILD,
@@ -77,8 +77,6 @@ _PANEL_RATIO = 0.4
 AMEVA_DIALECT = "AMEVA"
 AMEVA_DEFAULTS = UnitConventions(units=LengthUnit.CENTIMETERS, frame=Handedness.UNREAL, quaternion=QuaternionOrder.XYZW)
 _DISTINCTIVE_PROPERTIES = frozenset({knowrob("maskColor"), knowrob("levelName")})
-_CLASS_VALUED = (MASS.property, MESH.property)
-"""Properties whose value a class may give for all its members."""
 
 
 def add_joint_definitions(source_map: SourceMap) -> SourceMap:
@@ -98,7 +96,7 @@ class _AmevaJointReader:
     def __init__(self, source_map: SourceMap) -> None:
         self.source_map = source_map
         self.graph: dict[Iri, Sequence[PropertyAssertion]] = dict(source_map.graph)
-        self.sizes = ClassSizes([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
+        self.sizes = ClassGeometry([source_map.graph, *source_map.ontologies], source_map.hierarchy, ignore_finding)
         self.parents = _parents(source_map)
         self.children: dict[Iri, list[Iri]] = {}
         for each, parent in self.parents.items():
@@ -332,7 +330,7 @@ def is_ameva(source_map: SourceMap) -> bool:
             if fact.property == TYPE and isinstance(fact.value, IriRef):
                 classes.add(fact.value.iri)
     values = (fact for cls in classes for fact in _class_values(source_map.graph.get(cls, ())))
-    return not JOINT_CLASSES.isdisjoint(classes) or any(fact.property in _CLASS_VALUED for fact in values)
+    return not JOINT_CLASSES.isdisjoint(classes) or any(fact.property == MASS.property for fact in values)
 
 
 def read_ameva(source_map: SourceMap) -> World:
@@ -343,12 +341,12 @@ def read_ameva(source_map: SourceMap) -> World:
 
 
 def _with_class_values(source_map: SourceMap) -> SourceMap:
-    """Returns the map with the values that classes give copied to their members; values of a member take precedence."""
+    """Returns the map with the masses that classes give copied to their members; that of a member takes precedence."""
     by_class: dict[Iri, dict[Iri, PropertyAssertion]] = {}
     members = set(source_map.members)
     for cls, facts in source_map.graph.items():
         for fact in _class_values(facts) if cls not in members else ():
-            if fact.property in _CLASS_VALUED:
+            if fact.property == MASS.property:
                 by_class.setdefault(cls, {}).setdefault(fact.property, fact)
     if not by_class:
         return source_map
@@ -372,7 +370,7 @@ def _class_values(facts: Sequence[PropertyAssertion]) -> Iterator[PropertyAssert
             inner = fact.value.facts
             on = references(inner, ON_PROPERTY)
             yield from (PropertyAssertion(on[0], each.value) for each in inner if each.property == HAS_VALUE and on)
-        elif fact.property in _CLASS_VALUED:
+        elif fact.property == MASS.property:
             yield fact
 
 

@@ -27,7 +27,7 @@ from mindstage.maps.dialects.membership import pose_facts, references, types_of
 from mindstage.maps.dialects.mesh_pivots import PivotChoice, find_pivots
 from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import center_poses, pivot_of
-from mindstage.maps.rdf_mapping.fields import ClassSizes, parse_tags
+from mindstage.maps.rdf_mapping.fields import ClassGeometry, parse_tags
 from mindstage.maps.rdf_mapping.properties import MESH, QUATERNION, SIZE, TRANSLATION, literal_text
 from mindstage.rdf.graphs import Severity, local_name
 from mindstage.rdf.vocabulary import (
@@ -196,7 +196,7 @@ class _Bodies:
 
 
 def _observe(source_map: SourceMap) -> _Bodies:
-    own = ClassSizes([source_map.graph], source_map.hierarchy, ignore_finding)
+    own = ClassGeometry([source_map.graph], source_map.hierarchy, ignore_finding)
     rows: dict[Iri, int] = {}
     positions: list[tuple[float, ...]] = []
     quaternions: list[tuple[float, ...]] = []

@@ -14,7 +14,7 @@ so the exact pose is written in the vocabulary of dialect 1 and the perception o
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from math import floor, isfinite
 from typing import NamedTuple
@@ -41,6 +41,7 @@ from mindstage.maps.dialects.semlog import read_semlog
 from mindstage.maps.dialects.serialize import SubjectBlock
 from mindstage.maps.dialects.soma import is_soma, read_soma
 from mindstage.maps.dialects.source_map import Dialect, SourceMap
+from mindstage.maps.dialects.srdl import add_kinematics, find_kinematics
 from mindstage.maps.dialects.units import decide_quaternion_order, guess_units
 from mindstage.maps.rdf_mapping import properties as codecs
 from mindstage.rdf.graphs import Graph, local_name, part_name
@@ -100,6 +101,7 @@ _JOINT_TYPES = {
 }
 _DIRECTION, _TURN_RADIUS = knowrob("direction"), knowrob("turnRadius")
 _VECTOR = tuple(knowrob(f"vector{axis}") for axis in "XYZ")
+_RELATIVE_TO = knowrob("relativeTo")
 _CONNECTION_JOINT_TYPES = {
     DOOR_HINGED_TO: JointType.REVOLUTE,
     HINGED_TO: JointType.REVOLUTE,
@@ -500,15 +502,39 @@ def _normalize(normalizer: DialectNormalizer) -> SourceMap:
     source_map = normalizer.source_map
     joints = find_joints(normalizer)
     numbers = NumberReader(source_map.conventions)
-    unplaced = [each for each in source_map.members if each not in joints and not _has_pose(source_map, each)]
+    kinematics = find_kinematics(normalizer)
+    others = {joint: joint_type for joint, joint_type in joints.items() if joint not in kinematics.joints}
+    unplaced = [
+        each
+        for each in source_map.members
+        if each not in joints and each not in kinematics.links and not _has_pose(source_map, each)
+    ]
     _decide_conventions(normalizer, unplaced, numbers)
     _set_poses(normalizer, unplaced, numbers)
+    add_kinematics(normalizer, kinematics, _joint_frames(normalizer, numbers))
     _set_sizes(normalizer, numbers)
     numbers.report_assumptions(normalizer)
-    add_joints(normalizer, joints, numbers)
+    add_joints(normalizer, others, numbers)
     _attach_parts(normalizer)
     normalizer.make_jointed_dynamic()
     return normalizer.normalized()
+
+
+def _joint_frames(
+    normalizer: DialectNormalizer, number_reader: NumberReader
+) -> Callable[[Iri], tuple[Array, bool] | None]:
+    """Returns a function that gives the pose of a joint, and whether it is relative to the joint before it."""
+    graph = normalizer.source_map.graph
+    perceptions = PerceivedPoses(graph, quaternion_order=number_reader.order)
+
+    def frame(joint: Iri) -> tuple[Array, bool] | None:
+        found = perceptions.latest_pose(normalizer, joint)
+        if found is None:
+            return None
+        node = node_facts(graph, perceptions.perceptions_of(joint)[0].pose_node)
+        return normalized_pose_array(number_reader.pose(found.pose)), bool(references(node, _RELATIVE_TO))
+
+    return frame
 
 
 def _has_pose(source_map: SourceMap, individual: Iri) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.maps.rdf_mapping.properties import QUATERNION, TRANSLATION
@@ -27,6 +27,8 @@ from mindstage.rdf.vocabulary import (
     PARENT,
     POSE_PROPERTIES,
     SEMANTIC_MAP,
+    SUCCEEDING_JOINT,
+    SUCCEEDING_LINK,
     TO_PARTS,
     TO_WHOLES,
     TYPE,
@@ -48,6 +50,7 @@ __all__ = [
 ]
 
 
+_KINEMATIC = (SUCCEEDING_LINK, SUCCEEDING_JOINT)
 MapMembers = Mapping[Iri, Sequence[Iri]]
 """Individuals by map, in the order of the graph. A map has the map class or is the object of `describedInMap`."""
 
@@ -199,11 +202,11 @@ def with_inferred_membership(graph: Graph) -> Graph:
 
 def inferred_membership(graph: Graph) -> dict[Iri, list[PropertyAssertion]]:
     """Returns the membership statements that follow from a graph; empty if all membership is stated."""
-    placed = _individuals_with_pose(graph)
+    map_of = _map_of_individual(graph)
+    maps = _semantic_maps(graph) | dict.fromkeys(map_of.values())
+    placed = _individuals_with_pose(graph, POSE_PROPERTIES if maps else (HAS_POSE, *POSE_PROPERTIES))
     if not placed or any(fact.property == DIALECT for map in _semantic_maps(graph) for fact in graph[map]):
         return {}  # Mindstage writes all membership explicitly
-    map_of = _map_of_individual(graph)
-    maps = _semantic_maps(graph) | dict.fromkeys(map for map in map_of.values())
     inferred: dict[Iri, list[PropertyAssertion]] = {}
     if not maps:
         map = _derive_map_iri(graph, placed)
@@ -220,12 +223,12 @@ def inferred_membership(graph: Graph) -> dict[Iri, list[PropertyAssertion]]:
     return inferred
 
 
-def _individuals_with_pose(graph: Graph) -> dict[Iri, None]:
-    """Returns the individuals that have a pose in the vocabulary of another dialect."""
+def _individuals_with_pose(graph: Graph, properties: Collection[Iri]) -> dict[Iri, None]:
+    """Returns the individuals that have a pose by one of these properties; by `knowrob:pose` if they have a class."""
     placed: dict[Iri, None] = {}
     for subject, facts in graph.items():
         for fact in facts:
-            if fact.property not in POSE_PROPERTIES:
+            if fact.property not in properties or (fact.property == HAS_POSE and not types_of(facts)):
                 continue
             if fact.property != OBJECT_ACTED_ON:
                 placed[subject] = None
@@ -268,9 +271,9 @@ def _connected(graph: Graph) -> Mapping[Iri, Sequence[Iri]]:
     for subject, facts in graph.items():
         for fact in facts:
             if isinstance(fact.value, IriRef):
-                if fact.property in TO_PARTS or fact.property in CONNECTIONS:
+                if fact.property in TO_PARTS or fact.property in CONNECTIONS or fact.property in _KINEMATIC:
                     neighbors.setdefault(subject, []).append(fact.value.iri)
-                if fact.property in TO_WHOLES or fact.property in CONNECTIONS:
+                if fact.property in TO_WHOLES or fact.property in CONNECTIONS or fact.property == SUCCEEDING_JOINT:
                     neighbors.setdefault(fact.value.iri, []).append(subject)
     return neighbors
 

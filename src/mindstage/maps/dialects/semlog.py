@@ -26,10 +26,11 @@ from mindstage.maps.dialects.units import default_conventions
 from mindstage.maps.rdf_mapping import properties as codecs
 from mindstage.maps.rdf_mapping.fields import (
     AttachmentReader,
-    ClassSizes,
-    map_class_sizes,
+    ClassGeometry,
+    map_class_geometry,
     parse_tags,
     read_materials,
+    read_mesh,
     read_size,
     read_tags,
 )
@@ -127,9 +128,9 @@ def check_duplicate_poses(world: World, report: FindingSink) -> None:
             )
 
 
-class _SizeSources(NamedTuple):
-    all_classes: ClassSizes
-    map_classes: ClassSizes
+class _ClassSources(NamedTuple):
+    all_classes: ClassGeometry
+    map_classes: ClassGeometry
 
 
 def read_semlog(source_map: SourceMap) -> World:
@@ -167,7 +168,7 @@ class _SemlogReader:
         ids = self._assign_ids()
         joint_ids = {iri: ids[iri] for iri in ends}
         resources = self._resources()
-        sizes = self._size_sources(resources)
+        given = self._class_sources(resources)
         reader = SubjectReader(self.map, self.graph.get(self.map, ()), self.report)
         reader.consume_references(TYPE, NAMED_INDIVIDUAL, SEMANTIC_MAP)
         if SEMANTIC_MAP not in types_of(reader.facts):
@@ -176,7 +177,7 @@ class _SemlogReader:
         return World(
             iri=self.map,
             name=local_name(self.map) if name is None else name,
-            bodies=tuple(self._body(iri, ids[iri], sizes) for iri in bodies),
+            bodies=tuple(self._body(iri, ids[iri], given) for iri in bodies),
             joints=tuple(
                 self._joint(iri, ids[iri], ids[parent], ids[child], joint_ids) for iri, (parent, child) in ends.items()
             ),
@@ -283,7 +284,7 @@ class _SemlogReader:
 
     # -- bodies, joints and lights -------------------------------------------------------------------------------------
 
-    def _body(self, iri: Iri, id: BodyId, sizes: _SizeSources) -> Body:
+    def _body(self, iri: Iri, id: BodyId, given: _ClassSources) -> Body:
         reader = self.readers[iri]
         cls = self._most_specific_class(reader)
         classes = (cls, *(other for other in self.types[iri] if other != cls))
@@ -294,8 +295,8 @@ class _SemlogReader:
             cls=cls,
             pose=self.poses[iri],
             label=reader.read(codecs.LABEL_CODEC),
-            size=read_size(reader, classes, all_classes=sizes.all_classes, map_classes=sizes.map_classes),
-            mesh=reader.read(codecs.MESH),
+            size=read_size(reader, classes, all_classes=given.all_classes, map_classes=given.map_classes),
+            mesh=read_mesh(reader, classes, all_classes=given.all_classes, map_classes=given.map_classes),
             shape=None if shape is None else PrimitiveShape(type=shape),
             physics=BodyPhysics(
                 mobility=reader.read(codecs.MOBILITY),
@@ -381,11 +382,11 @@ class _SemlogReader:
         }
         return tuple(NamedResource(iri, tuple(facts)) for iri, facts in remaining.items() if facts)
 
-    def _size_sources(self, resources: Sequence[NamedResource]) -> _SizeSources:
+    def _class_sources(self, resources: Sequence[NamedResource]) -> _ClassSources:
         own = {resource.iri: resource.facts for resource in resources}
-        return _SizeSources(
-            all_classes=ClassSizes([own, *self.source_map.ontologies], self.source_map.hierarchy, self.report),
-            map_classes=map_class_sizes(resources),
+        return _ClassSources(
+            all_classes=ClassGeometry([own, *self.source_map.ontologies], self.source_map.hierarchy, self.report),
+            map_classes=map_class_geometry(resources),
         )
 
 

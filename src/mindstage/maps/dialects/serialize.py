@@ -19,7 +19,7 @@ from mindstage.errors import MapWriteError
 from mindstage.maps.dialects.membership import types_of
 from mindstage.maps.dialects.unit_conversion import with_pivot
 from mindstage.maps.rdf_mapping import properties as codecs
-from mindstage.maps.rdf_mapping.fields import map_class_sizes, write_materials, write_size, write_tags
+from mindstage.maps.rdf_mapping.fields import map_class_geometry, write_materials, write_mesh, write_size, write_tags
 from mindstage.maps.rdf_mapping.nested import (
     MAX_NESTING,
     NESTED_ANGULAR_LIMITS,
@@ -152,7 +152,7 @@ class _WorldSerializer:
     def __init__(self, world: World) -> None:
         self.world = world
         self.iris = _iris_by_id(world)
-        self.sizes = map_class_sizes(world.resources)
+        self.class_geometry = map_class_geometry(world.resources)
         self.used_names = _all_iris(world)
         self.top_level = {world.iri, *self.iris.values(), *_omitted_individuals(world)}
         self.nested_resources: dict[Iri, tuple[NestedResource[Any], Any, SubjectBlock]] = {}
@@ -202,7 +202,7 @@ class _WorldSerializer:
         name = local_name(world.iri)
         has_label = world.name != name or writer.first_value(codecs.LABEL_CODEC) == name
         writer.write(codecs.LABEL_CODEC, world.name if has_label else None)
-        if len(self.sizes) and not any(fact.property == GIVEN_SIZES for fact in world.facts):
+        if len(self.class_geometry) and not any(fact.property == GIVEN_SIZES for fact in world.facts):
             # The sizes of classes would be interpreted again, and their frame may be inferred differently.
             writer.add_fact(PropertyAssertion(GIVEN_SIZES, Literal("body")))
         return SubjectBlock(world.iri, writer.all_facts(), f"Semantic Map {world.name}")
@@ -229,9 +229,9 @@ class _WorldSerializer:
         writer.write(codecs.OVERLAP_EVENTS, physics.overlap_events)
         writer.write(codecs.GRAVITY, physics.gravity)
         classes = (body.cls, *(cls for cls in types_of(body.facts) if cls != body.cls))
-        write_size(writer, classes, body.size, self.sizes)
+        write_size(writer, classes, body.size, self.class_geometry)
         pose = self._write_nested(writer, body, NESTED_POSE, body.pose)
-        writer.write(codecs.MESH, body.mesh)
+        write_mesh(writer, classes, body.mesh, self.class_geometry)
         writer.write(codecs.SHAPE, body.shape.type if body.shape else None)
         write_materials(writer, body.materials)
         write_tags(writer, body.tags)

@@ -27,7 +27,7 @@ class SourceMap:
     members: Sequence[Iri]
     """The individuals that belong to the map."""
     ontologies: Sequence[Graph]
-    """Ontologies that give sizes of classes."""
+    """Ontologies that give sizes or meshes of classes."""
     hierarchy: ClassHierarchy
     """The subclass relations of all sources and ontologies."""
     report: FindingSink
@@ -40,6 +40,9 @@ class SourceMap:
     """Whether it came over a port; it is then read only by dialects that are offered there."""
     implied_members: frozenset[Iri] = frozenset()
     """The individuals, and the map, whose membership statements are not in the sources but follow from them."""
+
+    current_names: frozenset[str] | None = None
+    """If the sources use the namespaces that KnowRob had until 2013, the names that are not written in these."""
 
     def record_assumption(self, topic: str, value: str, evidence: str) -> None:
         """Records a decision about the whole map; a field of `conventions` that is set counts as chosen by the user.

@@ -20,6 +20,7 @@ from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.rdf_mapping.nested import sorted_facts
 from mindstage.maps.rdf_mapping.properties import (
     ANGULAR_LIMITS,
+    BOUNDING_BOX,
     LINEAR_LIMITS,
     QUATERNION,
     SIZE,
@@ -61,10 +62,12 @@ __all__ = [
 Decimals = tuple[Decimal, ...]
 
 _DECLARATIONS = (UNITS, FRAME, QUATERNION_ORDER)
-_LENGTH_CODECS: dict[Iri, PropertyCodec[float]] = {
-    codec.property: codec
-    for codec in (*SIZE, *(LINEAR_LIMITS[name] for name in ("limit", "x_middle", "y_middle", "z_middle")))
-}
+_LENGTHS: tuple[PropertyCodec[Any], ...] = (
+    *SIZE,
+    BOUNDING_BOX,
+    *(LINEAR_LIMITS[name] for name in ("limit", "x_middle", "y_middle", "z_middle")),
+)
+_LENGTH_CODECS: dict[Iri, PropertyCodec[Any]] = {codec.property: codec for codec in _LENGTHS}
 _ANGLE_CODECS: dict[Iri, PropertyCodec[float]] = {
     codec.property: codec for codec in (ANGULAR_LIMITS["twist_middle"], ANGULAR_LIMITS["swing1_middle"])
 }

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from mindstage.maps.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
 from mindstage.maps.dialects.membership import pose_facts, types_of
 from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
-from mindstage.maps.rdf_mapping.fields import ClassSizes
+from mindstage.maps.rdf_mapping.fields import ClassGeometry
 from mindstage.maps.rdf_mapping.properties import QUATERNION, SIZE, TRANSLATION, literal_text
 from mindstage.rdf.graphs import Graph, Severity
 from mindstage.rdf.vocabulary import FRAME, QUATERNION_ORDER, UNITS
@@ -195,8 +195,8 @@ def collect_evidence(source_map: SourceMap) -> ConventionEvidence:
     """Collects the numbers of a sample of a map's individuals."""
     members = source_map.members[:: max(1, len(source_map.members) // _SAMPLE_SIZE)]
     poses = [pose_facts(source_map.graph, source_map.graph.get(member, ())) or () for member in members]
-    own = ClassSizes([_class_graph(source_map, members)], source_map.hierarchy, ignore_finding)
-    known = ClassSizes(source_map.ontologies, source_map.hierarchy, ignore_finding)
+    own = ClassGeometry([_class_graph(source_map, members)], source_map.hierarchy, ignore_finding)
+    known = ClassGeometry(source_map.ontologies, source_map.hierarchy, ignore_finding)
     sizes: dict[Iri, tuple[float, ...]] = {}
     largest: list[float] = []
     for member in members:
@@ -226,7 +226,7 @@ def guess_units(source_map: SourceMap, sizes: Mapping[Iri, Sequence[float]]) -> 
         for member, size in sizes.items()
         if any(size) and (types := types_of(source_map.graph.get(member, ())))
     }
-    known = ClassSizes(source_map.ontologies, source_map.hierarchy, ignore_finding)
+    known = ClassGeometry(source_map.ontologies, source_map.hierarchy, ignore_finding)
     return ConventionEvidence(
         positions=(),
         quaternions=(),
@@ -236,7 +236,7 @@ def guess_units(source_map: SourceMap, sizes: Mapping[Iri, Sequence[float]]) -> 
     ).guess_units()
 
 
-def _largest_known(known: ClassSizes, classes: Iterable[Iri]) -> dict[Iri, float]:
+def _largest_known(known: ClassGeometry, classes: Iterable[Iri]) -> dict[Iri, float]:
     """Returns the largest extent that ontologies give, by class [m]."""
     return {cls: max(sizes) for cls in classes if (sizes := [x for x in known.get((cls,)) if x is not None])}
 

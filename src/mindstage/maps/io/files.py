@@ -6,14 +6,16 @@ tolerates are repaired (see `repair_xml`) and reported. A `Source` is one loaded
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 import pyoxigraph as ox
 
@@ -29,7 +31,7 @@ from mindstage.maps.io.xml import (
     is_too_deep,
 )
 from mindstage.maps.io.xml_repair import XmlRepair, XmlRepairError, repair_xml
-from mindstage.maps.rdf_mapping.properties import SIZE
+from mindstage.maps.rdf_mapping.properties import BOUNDING_BOX, MESH, SIZE
 from mindstage.rdf.graphs import Finding, Graph, ObjectNode, QuadSource, Severity, graph_from_quads
 from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, IMPORTS, ON_PROPERTY, ONTOLOGY, RDF, SEMANTIC_MAP, TYPE
 from mindstage.scene import Iri
@@ -45,6 +47,7 @@ __all__ = [
     "event_ontology",
     "is_bundled",
     "map_path",
+    "old_name",
     "read_file",
     "read_header",
     "read_statements",
@@ -64,10 +67,32 @@ MAX_REPORTED_REPAIRS = 100
 _MAX_HEADER_STATEMENTS = 50_000
 """The number of statements among which an ontology and the prefixes are looked for."""
 _PREFIX_DECLARATION = re.compile(rb"^[ \t]*@?prefix\s", re.IGNORECASE | re.MULTILINE)
-_BOMS = ((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+_BOMS = (
+    *((b"\xef\xbb\xbf", "utf-8"), (b"\xff\xfe\0\0", "utf-32"), (b"\0\0\xfe\xff", "utf-32")),
+    *((b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")),
+)
+_EBCDIC = "cp037"
+"""The code page of the declaration: all of EBCDIC have its characters in common."""
+_FIRST_CHARACTERS = tuple(
+    (re.compile(pattern), name)
+    for pattern, name in (
+        *((rb"[^\0]\0\0\0[^\0]\0\0\0", "utf-32-le"), (rb"\0\0\0[^\0]\0\0\0[^\0]", "utf-32-be")),
+        *((rb"[^\0]\0[^\0]\0", "utf-16-le"), (rb"\0[^\0]\0[^\0]", "utf-16-be")),
+        (re.escape("<?xml".encode(_EBCDIC)), _EBCDIC),
+    )
+)
+_HEAD_BYTES = 1000
+"""The length of what an XML declaration is looked for in."""
+_NOT_OF_DOCUMENTS = frozenset({"idna", "punycode", "unicode_escape", "raw_unicode_escape", "undefined", "utf-7"})
+"""Python's codecs of other texts; some of them are slow or drop characters."""
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
 _WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
 _DECLARATION = re.compile(r"^\s*<\?xml.*?\?>", re.DOTALL)
+_OLD_NAMESPACE = re.compile(rb"http://ias\.cs\.tum\.edu/kb/(knowrob|srdl2(?:-comp|-cap)?)\.owl(?![^#\"'<>\s])")
+_CURRENT_NAMESPACE = re.compile(rb"http://knowrob\.org/kb/(knowrob|srdl2(?:-comp|-cap)?)\.owl(?![^#\"'<>\s])")
+_RENAMED = "Names of http://ias.cs.tum.edu/kb are replaced by those of http://knowrob.org/kb, except:"
+_RENAMED_NOTE = re.compile(rf"(?:<!--|#) {re.escape(_RENAMED)} (.*?) \.(?: -->)?\n".encode())
+_EMPTY_BASE = re.compile(rb"""(<[^<>!?]*)\sxml:base\s*=\s*(?:""|'')""")
 _XML_START = re.compile(rb"\s*<(\?xml|!|[\w.-]+:RDF\b)")
 _LATE_START = re.compile(rb"<(\?xml\s|!DOCTYPE\s|[\w.-]*:RDF[\s>])")
 _TURTLE_START = re.compile(rb"(?:\s|#[^\n]*\n)*(?:@prefix|@base|PREFIX|BASE)\s", re.IGNORECASE)
@@ -213,9 +238,12 @@ def read_file(path: Path) -> SourceFile:
         raise SourceParseError(str(path), cause=error.strerror or str(error)) from error
     data, repairs = _as_utf8(data)
     format = _format(path, data)
+    data, old = _with_current_namespaces(path, data, format)
+    repairs = (*repairs, *old)
     if format != RDF_XML:
         return SourceFile(path, data, format, repairs)
     data, late = _strip_leading_text(data)
+    data = _EMPTY_BASE.sub(rb"\1", data) if b"xml:base" in data else data
     if is_too_deep(data):
         cause = f"its elements are nested more than {DEPTH_LIMIT:,} deep"
         raise SourceParseError(str(path), cause=cause)
@@ -285,26 +313,52 @@ def _ontology_line(data: bytes) -> bytes:
 
 
 def _as_utf8(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
-    """Converts a file to UTF-8, and returns repairs of a wrong encoding."""
-    mark = next((name for mark, name in _BOMS if data.startswith(mark)), None)
-    declared = _DECLARED_ENCODING.match(data)
-    encoding = mark or (declared[1].decode("ascii") if declared else "utf-8")
-    if encoding.lower() in {"utf-8", "utf8", "us-ascii"}:
+    """Converts a file to UTF-8, and returns repairs of a wrong encoding.
+
+    The encoding is that of the byte order mark, or of the pattern that the first characters of a document have in it
+    (XML 1.0, appendix F), or else the declared one, of those that Python has.
+    """
+    found = next((name for mark, name in _BOMS if data.startswith(mark)), None)
+    found = found or next((name for start, name in _FIRST_CHARACTERS if start.match(data)), None)
+    is_ebcdic = found == _EBCDIC
+    declared = _DECLARED_ENCODING.match(data[:_HEAD_BYTES].decode(_EBCDIC).encode() if is_ebcdic else data)
+    name = declared[1].decode("ascii") if declared else ""
+    encoding = name if is_ebcdic and name else found or name or "utf-8"
+    if _codec_name(encoding) == "utf-8":
         data = data.removeprefix(b"\xef\xbb\xbf")
-        return (data, ()) if data.isascii() else _utf8_or_latin(data)
+        data, repairs = (data, ()) if data.isascii() else _utf8_or_latin(data)
+        return (data if name.lower() in {"", "utf-8"} else _without_declaration(data.decode()).encode()), repairs
     try:
-        if mark is None and _WIDE_ENCODINGS.match(encoding):
+        if found is None and _WIDE_ENCODINGS.match(encoding):
             raise UnicodeError("the declaration is readable as ASCII, so the file is not in a wide encoding")
-        text = data.decode(encoding)
-        repairs: tuple[XmlRepair, ...] = ()
+        if is_ebcdic and not _codec_name(encoding):
+            text = data.decode(_EBCDIC)
+            problem = f"its encoding {encoding!r} is not known"
+            repairs = (XmlRepair(1, problem, f"it is read as {_EBCDIC}"),)
+        else:
+            text, repairs = data.decode(_codec_name(encoding) or encoding), ()
     except (LookupError, UnicodeError):
         data, others = _utf8_or_latin(data)
         text = data.decode()
         problem = f"it declares the encoding {encoding!r}, but is not in that encoding"
-        repairs = (XmlRepair(1, problem, "it is read as UTF-8"), *others)
-    # The declaration would be wrong now, and UTF-8 is the default of XML.
-    head, _, rest = text.partition("\n")
-    return f"{_DECLARATION.sub('', head, count=1)}\n{rest}".encode("utf-8", "surrogatepass"), repairs
+        repairs = (XmlRepair(1, problem, "it is read as UTF-8"), *others) if name else others
+    if is_ebcdic:
+        text = text.replace("\x85", "\n")  # its line feed, which is not white space in XML
+    return _without_declaration(text).encode("utf-8", "surrogatepass"), repairs
+
+
+def _codec_name(encoding: str) -> str:
+    """The name of Python's codec of an encoding of documents; empty if it has none."""
+    try:
+        name = codecs.lookup(encoding).name
+    except (LookupError, ValueError):
+        return ""
+    return "" if name in _NOT_OF_DOCUMENTS else name
+
+
+def _without_declaration(text: str) -> str:
+    """The text without its XML declaration, whose encoding is wrong after a conversion; UTF-8 is the default of XML."""
+    return _DECLARATION.sub(lambda found: "\n" * found[0].count("\n"), text, count=1)
 
 
 def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
@@ -319,6 +373,46 @@ def _utf8_or_latin(data: bytes) -> tuple[bytes, tuple[XmlRepair, ...]]:
         repair = XmlRepair(line, problem, "the file is read as code page 1252")
         return data.decode("cp1252", "replace").encode(), (repair,)
     return data, ()
+
+
+# -- namespaces --------------------------------------------------------------------------------------------------------
+
+
+def _with_current_namespaces(path: Path, data: bytes, format: ox.RdfFormat) -> tuple[bytes, tuple[XmlRepair, ...]]:
+    """Replaces the namespaces of KnowRob until 2013 by those of today, which have the same terms.
+
+    A comment at the end says so, by which `Source.current_names` finds how the names were written.
+    """
+    first = _OLD_NAMESPACE.search(data)
+    if first is None:
+        return data, ()
+    replaced = _OLD_NAMESPACE.sub(rb"http://knowrob.org/kb/\1.owl", data)
+    current: set[str] = set()
+    if _CURRENT_NAMESPACE.search(data):  # both are used: those names stay as they are
+        try:
+            current = set(_names_in(_CURRENT_NAMESPACE, ox.parse(data, format, base_iri=path.as_uri())))
+        except (SyntaxError, ValueError):
+            current = set()
+    kept = " ".join(quote(name, safe="#/:").replace("--", "-%2D") for name in sorted(current))
+    note = f"{_RENAMED} {kept} ."
+    comment = f"\n<!-- {note} -->\n" if format == RDF_XML else f"\n# {note}\n"
+    line = data.count(b"\n", 0, first.start()) + 1
+    problem = f"it uses the namespace {first[0].decode()}#, which KnowRob had until 2013"
+    repair = XmlRepair(line, problem, "its terms are read as those of http://knowrob.org, and written as they were")
+    return replaced + comment.encode(), (repair,)
+
+
+def _names_in(namespace: re.Pattern[bytes], quads: Iterable[ox.Quad]) -> Iterator[str]:
+    for quad in quads:
+        for node in quad.triple:
+            if isinstance(node, ox.NamedNode) and namespace.match(node.value.encode()):
+                yield node.value
+
+
+def old_name(name: str) -> str:
+    """The IRI that a term of KnowRob, or its ontology, had until 2013; other IRIs stay as they are."""
+    found = _CURRENT_NAMESPACE.match(name.encode())
+    return f"http://ias.cs.tum.edu/kb/{found[1].decode()}.owl{name[found.end() :]}" if found else name
 
 
 # -- formats -----------------------------------------------------------------------------------------------------------
@@ -465,15 +559,24 @@ class Source:
         named = {Iri(node.value) for node in nodes if isinstance(node, ox.NamedNode)}
         return frozenset(named | {Iri(f"_:{node.value}") for node in nodes if isinstance(node, ox.BlankNode)})
 
+    def current_names(self) -> frozenset[str] | None:
+        """Returns the names that are written in today's namespaces of KnowRob, if all others are in the old ones."""
+        data = self.load_text().data
+        found = _RENAMED_NOTE.search(data) if _RENAMED.encode() in data else None
+        return None if found is None else frozenset(map(unquote, found[1].decode().split()))
+
     def has_maps(self) -> bool:
         """Whether it describes a map or a member of one."""
         return any(True for _ in self._quads_with_predicate(DESCRIBED_IN_MAP)) or any(
             True for _ in self._quads_with_predicate(TYPE, SEMANTIC_MAP)
         )
 
-    def has_class_sizes(self) -> bool:
-        """Whether it gives sizes for all members of a class."""
-        return any(True for codec in SIZE for _ in self._quads_with_predicate(ON_PROPERTY, codec.property))
+    def has_class_geometry(self) -> bool:
+        """Whether it gives sizes or meshes for all members of a class."""
+        of_members = (*SIZE, BOUNDING_BOX, MESH)
+        return any(
+            True for codec in of_members for _ in self._quads_with_predicate(ON_PROPERTY, codec.property)
+        ) or any(True for codec in of_members for _ in self._quads_with_predicate(codec.property))
 
     def terms_of(self, namespaces: tuple[str, ...]) -> list[Iri]:
         """Returns the classes of its individuals in these namespaces, or else the first other name there; sorted."""

@@ -7,7 +7,8 @@ vocabulary of dialect 1 or of Mindstage, and facts and resources are written unc
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 
@@ -15,12 +16,13 @@ from mindstage.errors import MapWriteError
 from mindstage.files import atomic_write
 from mindstage.maps.dialects.serialize import DocumentSection, PrefixTable, to_sections
 from mindstage.maps.dialects.soma_export import write_as_soma
+from mindstage.maps.io.files import old_name
 from mindstage.maps.io.formats import MapFormat
 from mindstage.maps.io.graph_diff import SourceMapView
 from mindstage.maps.io.serializers import to_rdf_xml, to_turtle
 from mindstage.maps.io.write_original import write_in_source_dialect
 from mindstage.rdf.graphs import gc_paused
-from mindstage.scene import Iri, World
+from mindstage.scene import BlankNode, Iri, IriRef, PropertyAssertion, World
 
 __all__ = ["MapDialect", "save_file", "save_map", "save_statements", "write_map"]
 
@@ -141,7 +143,39 @@ def _serialize(
         notes: tuple[str, ...] = ()
         if source_view is not None:
             sections, notes = write_in_source_dialect(world, sections, source_view)
+            if (current := source_view.source_map.current_names) is not None:
+                sections = _in_old_namespaces(sections, current)
         elif dialect is MapDialect.SOMA:
             sections, notes = write_as_soma(world, sections)
         names = PrefixTable(world.iri, sections)
         return (to_rdf_xml if format is MapFormat.RDF_XML else to_turtle)(sections, names), notes
+
+
+def _in_old_namespaces(sections: Sequence[DocumentSection], current: Container[str]) -> Sequence[DocumentSection]:
+    """Writes names as the source does, which uses the namespaces that KnowRob had until 2013.
+
+    Args:
+        current: the names that stay as they are.
+    """
+
+    def rename(iri: Iri) -> Iri:
+        return iri if iri in current else Iri(old_name(iri))
+
+    def renamed(fact: PropertyAssertion) -> PropertyAssertion:
+        value = fact.value
+        if isinstance(value, IriRef):
+            value = IriRef(rename(value.iri))
+        elif isinstance(value, BlankNode):
+            value = BlankNode(tuple(map(renamed, value.facts)))
+        return PropertyAssertion(rename(fact.property), value)
+
+    return [
+        replace(
+            section,
+            blocks=[
+                replace(block, subject=rename(block.subject), facts=list(map(renamed, block.facts)))
+                for block in section.blocks
+            ],
+        )
+        for section in sections
+    ]

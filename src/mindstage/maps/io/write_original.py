@@ -12,13 +12,14 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain
+from typing import Any
 
 import msgspec
 
 from mindstage.maps.dialects.conventions import Assumption, UnitConventions
 from mindstage.maps.dialects.detection import read_world
 from mindstage.maps.dialects.knowrob1 import KNOWROB1_DIALECT, PerceivedPoses, perception_blocks
-from mindstage.maps.dialects.membership import individuals_by_map, is_membership
+from mindstage.maps.dialects.membership import individuals_by_map, is_membership, types_of
 from mindstage.maps.dialects.serialize import DocumentSection, SubjectBlock
 from mindstage.maps.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
 from mindstage.maps.dialects.soma_nodes import SAME_DIALECT, dual_dialect_info, without_restatements
@@ -33,7 +34,9 @@ from mindstage.maps.dialects.unit_conversion import (
     restore_size_declaration,
 )
 from mindstage.maps.io.graph_diff import SourceMapView, canonical_statement
+from mindstage.maps.rdf_mapping.fields import ClassGeometry
 from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES, nest_blank_nodes
+from mindstage.maps.rdf_mapping.properties import MESH, SIZE, PropertyCodec
 from mindstage.rdf.vocabulary import (
     CHILD,
     DIALECT,
@@ -151,10 +154,29 @@ class _SourceDialectWriter:
                 found.setdefault(canonical_statement(fact), []).append(fact)
         return found
 
+    @cached_property
+    def _ontology_values(self) -> Mapping[Iri, frozenset[PropertyAssertion]]:
+        """By body, the sizes and meshes that ontologies give for its classes, which are not written with it."""
+        if not self.source_map.ontologies:
+            return {}
+        geometry = ClassGeometry(self.source_map.ontologies, self.source_map.hierarchy, ignore_finding)
+        found = {}
+        for body in self.world.bodies:
+            classes = (body.cls, *(cls for cls in types_of(body.facts) if cls != body.cls))
+            given: tuple[tuple[PropertyCodec[Any], object], ...]
+            given = (*zip(SIZE, geometry.get(classes), strict=True), (MESH, geometry.mesh(classes)))
+            found[body.iri] = frozenset(
+                PropertyAssertion(codec.property, codec.encode(value)) for codec, value in given if value is not None
+            )
+        return found
+
     def _in_source_dialect(self, block: SubjectBlock, *, as_given: bool) -> SubjectBlock:
         """Restores the original numbers and properties of a block; without `as_given`, sizes are not inferred again."""
-        facts: Sequence[PropertyAssertion] = block.facts
         source_facts = self._source_facts(block.subject)
+        of_class = self._ontology_values.get(block.subject, frozenset())
+        facts: Sequence[PropertyAssertion] = [
+            fact for fact in block.facts if fact not in of_class or fact in source_facts
+        ]
         boxes = [fact for fact in facts if fact.property == GIVEN_SIZES and fact not in source_facts]
         if self.conventions:
             facts = restore_facts(facts, self.conventions)

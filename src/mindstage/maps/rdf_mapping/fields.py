@@ -4,15 +4,16 @@ Materials have terms of our own, since dialect 1 has none. Attachments are state
 are the text "SemLog;Class,Cup;Id,c1;Other;k,v;": types, each followed by its pairs of key and value. That format has no
 escapes; tags that it cannot express are written as JSON under a term of our own.
 
-A size is stated by the classes of a body, or by the body if it differs. What a body need not state itself depends only
-on the classes that the world holds as resources, since those are written to the same file; a size from an ontology is
-therefore written with the body.
+A size and a mesh are stated by the classes of a body, or by the body if they differ. What a body need not state itself
+depends only on the classes that the world holds as resources, since those are written to the same file; a value from an
+ontology is therefore written with the body, unless the map is written as its source states it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import msgspec
 
@@ -24,10 +25,14 @@ from mindstage.rdf.taxonomy import ClassHierarchy
 from mindstage.rdf.vocabulary import (
     CHILD,
     EQUIVALENT_CLASS,
+    FIRST,
     HAS_VALUE,
+    INTERSECTION_OF,
     MATERIAL,
     ON_PROPERTY,
+    OWL_CLASS,
     PARENT,
+    REST,
     SUBCLASS_OF,
     TAGS_DATA,
     TAGS_JSON,
@@ -48,14 +53,16 @@ from mindstage.scene import (
 
 __all__ = [
     "AttachmentReader",
-    "ClassSizes",
+    "ClassGeometry",
     "PartialSize",
-    "map_class_sizes",
+    "map_class_geometry",
     "parse_tags",
     "read_materials",
+    "read_mesh",
     "read_size",
     "read_tags",
     "write_materials",
+    "write_mesh",
     "write_size",
     "write_tags",
 ]
@@ -227,32 +234,53 @@ _TAGS_CODEC = PropertyCodec(TAGS_DATA, 'tags ("type;key,value;…")', _parse, _f
 _JSON_TAGS_CODEC = PropertyCodec(TAGS_JSON, "a JSON array of [type, key, value]", _parse_json, _format_json)
 
 
-def _superclasses(classes: Iterable[tuple[Iri, Sequence[PropertyAssertion]]]) -> Iterable[tuple[Iri, Iri]]:
+_CLASS_CODECS: Mapping[Iri, PropertyCodec[Any]] = {
+    codec.property: codec for codec in (*SIZE, codecs.BOUNDING_BOX, codecs.MESH)
+}
+"""The properties whose values a class may give for its members."""
+_CLASS_AXIOMS = (SUBCLASS_OF, EQUIVALENT_CLASS, INTERSECTION_OF)
+_LIST_PROPERTIES = frozenset({INTERSECTION_OF, FIRST, REST})
+_MAX_EXPRESSION_DEPTH = 200
+"""The number of nodes of nested lists that are followed."""
+_IS_CLASS = IriRef(OWL_CLASS)
+
+
+def _superclasses(classes: Graph) -> Iterable[tuple[Iri, Iri]]:
     """Pairs of named class and superclass in the statements about classes."""
-    for cls, facts in classes:
+    for cls, facts in classes.items():
         for fact in facts:
-            if isinstance(fact.value, IriRef):
-                if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS):
-                    yield cls, fact.value.iri
+            if fact.property not in _CLASS_AXIOMS:
+                continue
+            if isinstance(fact.value, IriRef) and not fact.value.iri.startswith("_:"):
+                yield cls, fact.value.iri
                 if fact.property == EQUIVALENT_CLASS:
                     yield fact.value.iri, cls
+                continue
+            for part in _expression_parts(fact.value, classes):
+                for each in part:
+                    if each.property == FIRST and isinstance(each.value, IriRef):
+                        yield cls, each.value.iri
 
 
-def map_class_sizes(resources: Iterable[NamedResource]) -> ClassSizes:
-    """The sizes that the class resources of one world state; a reader of its file finds the same."""
+def map_class_geometry(resources: Iterable[NamedResource]) -> ClassGeometry:
+    """The sizes and meshes that the class resources of one world state; a reader of its file finds the same."""
     classes = {resource.iri: resource.facts for resource in resources}
 
     def ignore(severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         """The findings are reported when the source is read."""
 
-    return ClassSizes([classes], ClassHierarchy(_superclasses(classes.items())), ignore)
+    return ClassGeometry([classes], ClassHierarchy(_superclasses(classes)), ignore)
 
 
-class ClassSizes:
-    """The extents of the members of classes, from `hasValue` restrictions; the nearest superclass is used."""
+class ClassGeometry:
+    """The extents and meshes of the members of classes; the nearest class that gives a value is used.
+
+    A class gives a value by an `owl:hasValue` restriction above it or equivalent to it, also as a part of an
+    intersection, or by a statement about itself.
+    """
 
     def __init__(self, sources: Sequence[Graph], hierarchy: ClassHierarchy, report: FindingSink) -> None:
-        """Reads the restrictions.
+        """Reads the values.
 
         Args:
             sources: statements by class, in descending precedence; restrictions that several classes of a source share
@@ -261,102 +289,156 @@ class ClassSizes:
         """
         self._hierarchy = hierarchy
         self._report = report
-        self._sizes_by_class: dict[Iri, list[float | None]] = {}
-        self._cache: dict[tuple[Iri, ...], PartialSize] = {}
+        self._values: dict[Iri, dict[Iri, float | str]] = {}
+        """By class, the values of the properties in `_CLASS_CODECS`."""
+        self._cache: dict[tuple[Iri, ...], tuple[PartialSize, str | None]] = {}
         for source in sources:
             for cls, facts in source.items():
-                for fact in facts:
-                    if fact.property in (SUBCLASS_OF, EQUIVALENT_CLASS):
-                        self._add_restriction(cls, fact, source)
+                self._read_class(cls, facts, source)
 
     def __len__(self) -> int:
         """The number of classes that give an extent."""
-        return len(self._sizes_by_class)
+        return sum(any(codec.property in values for codec in SIZE) for values in self._values.values())
 
     def get(self, classes: tuple[Iri, ...]) -> PartialSize:
         """The extents of an individual of these classes; each axis is looked up separately."""
-        size = self._cache.get(classes)
-        if size is None:
-            levels = self._hierarchy.levels(classes) if self._sizes_by_class else ()
-            known = [found for level in levels if (found := [cls for cls in level if cls in self._sizes_by_class])]
-            x, y, z = (self._find_extent(axis, classes, known) for axis in range(3))
-            size = self._cache[classes] = (x, y, z)
-        return size
+        return self._find(classes)[0]
 
-    def of(self, facts: Iterable[PropertyAssertion], classes: tuple[Iri, ...]) -> PartialSize:
+    def mesh(self, classes: tuple[Iri, ...]) -> str | None:
+        """The path of the mesh of an individual of these classes; None if no class gives one."""
+        return self._find(classes)[1]
+
+    def of(self, facts: Sequence[PropertyAssertion], classes: tuple[Iri, ...]) -> PartialSize:
         """The extents that statements about an individual of these classes give, and else the classes."""
         own = (codec.first_value(facts) for codec in SIZE)
-        x, y, z = (given if extent is None else extent for extent, given in zip(own, self.get(classes), strict=True))
-        return x, y, z
+        return _first_known(_first_known(own, codecs.BOUNDING_BOX.first_value(facts)), self.get(classes))
 
-    def _add_restriction(self, cls: Iri, fact: PropertyAssertion, source: Graph) -> None:
-        restriction = (
-            fact.value.facts
-            if isinstance(fact.value, BlankNode)
-            else source.get(fact.value.iri, ())
-            if isinstance(fact.value, IriRef) and fact.value.iri.startswith("_:")
-            else ()
-        )
-        if not restriction:
+    def _read_class(self, cls: Iri, facts: Sequence[PropertyAssertion], source: Graph) -> None:
+        own: list[PropertyAssertion] = []
+        is_class = False
+        for fact in facts:
+            if fact.property in _CLASS_AXIOMS:
+                is_class = True
+                for part in _expression_parts(fact.value, source):
+                    self._add_restriction(cls, part)
+            elif fact.property in _CLASS_CODECS:
+                own.append(fact)
+            elif fact.value == _IS_CLASS:
+                is_class = True
+        for fact in own if is_class else ():
+            self._add_value(cls, fact)
+
+    def _add_restriction(self, cls: Iri, restriction: Sequence[PropertyAssertion]) -> None:
+        for on in restriction:
+            if on.property == ON_PROPERTY and isinstance(on.value, IriRef) and on.value.iri in _CLASS_CODECS:
+                for part in restriction:
+                    if part.property == HAS_VALUE:
+                        self._add_value(cls, PropertyAssertion(on.value.iri, part.value))
+
+    def _add_value(self, cls: Iri, given: PropertyAssertion) -> None:
+        codec = _CLASS_CODECS[given.property]
+        value = codec.decode(given.value)
+        if value is None:
+            what = "mesh" if codec is codecs.MESH else "size"
+            self._warn(cls, codec.property, f"its value is not {codec.expected}", f"it gives no {what}")
             return
-        for axis, codec in enumerate(SIZE):
-            if PropertyAssertion(ON_PROPERTY, IriRef(codec.property)) not in restriction:
-                continue
-            for value in (part.value for part in restriction if part.property == HAS_VALUE):
-                number = codec.decode(value)
-                if number is None:
-                    self._warn(cls, axis, f"its value is not {codec.expected}", "it gives no size")
-                    continue
-                size = self._sizes_by_class.setdefault(cls, [None, None, None])
-                if size[axis] is None:
-                    size[axis] = number
-                elif size[axis] != number:
-                    self._warn(cls, axis, f"it has two values: {size[axis]!r} and {number!r}", "the first is used")
+        row = zip((each.property for each in SIZE), value, strict=True) if isinstance(value, tuple) else ()
+        for property, each in row or ((codec.property, value),):
+            known = self._values.setdefault(cls, {}).setdefault(property, each)
+            if known != each:
+                self._warn(cls, property, f"it has two values: {known!r} and {each!r}", "the first is used")
 
-    def _find_extent(self, axis: int, classes: tuple[Iri, ...], levels: Iterable[Sequence[Iri]]) -> float | None:
+    def _find(self, classes: tuple[Iri, ...]) -> tuple[PartialSize, str | None]:
+        found = self._cache.get(classes)
+        if found is None:
+            levels = self._hierarchy.levels(classes) if self._values else ()
+            known = [giving for level in levels if (giving := [cls for cls in level if cls in self._values])]
+            x, y, z, mesh = (self._nearest(codec.property, classes, known) for codec in (*SIZE, codecs.MESH))
+            found = self._cache[classes] = (x, y, z), mesh
+        return found
+
+    def _nearest(self, property: Iri, classes: tuple[Iri, ...], levels: Iterable[Sequence[Iri]]) -> Any:
         for level in levels:
-            sizes = {cls: size for cls in level if (size := self._sizes_by_class[cls][axis]) is not None}
-            if sizes:
-                cls, size = next(iter(sizes.items()))
-                if any(other != size for other in sizes.values()):
-                    self._warn(classes[0], axis, f"{' and '.join(sizes)} disagree", f"that of {cls} is used")
-                return size
+            values = {cls: self._values[cls][property] for cls in level if property in self._values[cls]}
+            if values:
+                cls, value = next(iter(values.items()))
+                if any(other != value for other in values.values()):
+                    self._warn(classes[0], property, f"{' and '.join(values)} disagree", f"that of {cls} is used")
+                return value
         return None
 
-    def _warn(self, cls: Iri, axis: int, problem: str, action: str) -> None:
-        self._report(Severity.WARNING, cls, SIZE[axis].property, problem, action)
+    def _warn(self, cls: Iri, property: Iri, problem: str, action: str) -> None:
+        self._report(Severity.WARNING, cls, property, problem, action)
+
+
+def _expression_parts(value: FactValue, source: Graph, depth: int = 0) -> Iterator[Sequence[PropertyAssertion]]:
+    """The statements about an anonymous class, and about those that it is the intersection of."""
+    if isinstance(value, BlankNode):
+        facts: Sequence[PropertyAssertion] = value.facts
+    elif isinstance(value, IriRef) and value.iri.startswith("_:"):
+        facts = source.get(value.iri, ())
+    else:
+        return
+    yield facts
+    for fact in facts:
+        if fact.property in _LIST_PROPERTIES and depth < _MAX_EXPRESSION_DEPTH:
+            yield from _expression_parts(fact.value, source, depth + 1)
 
 
 def read_size(
-    reader: SubjectReader, classes: tuple[Iri, ...], *, all_classes: ClassSizes, map_classes: ClassSizes
+    reader: SubjectReader, classes: tuple[Iri, ...], *, all_classes: ClassGeometry, map_classes: ClassGeometry
 ) -> Vector | None:
     """The size of a body; None if not all three extents are known, and the statements remain facts then.
 
     Args:
         reader: the statements about the body.
         classes: its classes, the most specific first.
-        all_classes: the sizes that all sources state for classes.
-        map_classes: the sizes that the class resources of the world state.
+        all_classes: what all sources state for classes.
+        map_classes: what the class resources of the world state.
     """
     if any(reader.is_marked_untold(codec.property) for codec in SIZE):
         if None not in _effective_size(reader, map_classes.get(classes)):
             reader.consume_untold_mark(SIZE[0].property)
         return None
+    box = reader.read(codecs.BOUNDING_BOX, keep_if=lambda _: True)
     own = [reader.read(codec, keep_if=lambda _: True) for codec in SIZE]
-    x, y, z = (
-        inherited if extent is None else extent for extent, inherited in zip(own, all_classes.get(classes), strict=True)
-    )
+    x, y, z = _first_known(_first_known(own, box), all_classes.get(classes))
     if x is None or y is None or z is None:
         missing = [codec.property for codec, extent in zip(SIZE, (x, y, z), strict=True) if extent is None]
         if len(missing) < len(SIZE):
             reader.warn(missing[0], "its size is incomplete", "it has no size")
         return None
-    for codec, inherited in zip(SIZE, map_classes.get(classes), strict=True):
+    for codec, inherited in zip(SIZE, box or map_classes.get(classes), strict=True):
         reader.read(codec, keep_if=lambda extent, inherited=inherited: extent == inherited)  # type: ignore[misc]
     return x, y, z
 
 
-def write_size(writer: SubjectWriter, classes: tuple[Iri, ...], size: Vector | None, map_classes: ClassSizes) -> None:
+def read_mesh(
+    reader: SubjectReader, classes: tuple[Iri, ...], *, all_classes: ClassGeometry, map_classes: ClassGeometry
+) -> str | None:
+    """The path of the mesh of a body; see `read_size`."""
+    inherited = map_classes.mesh(classes)
+    if reader.is_marked_untold(codecs.MESH.property):
+        if inherited is not None or reader.first_value(codecs.MESH) is not None:
+            reader.consume_untold_mark(codecs.MESH.property)
+        return None
+    mesh = reader.read(codecs.MESH, keep_if=lambda path: path == inherited)
+    return all_classes.mesh(classes) if mesh is None else mesh
+
+
+def write_mesh(writer: SubjectWriter, classes: tuple[Iri, ...], mesh: str | None, map_classes: ClassGeometry) -> None:
+    """Writes a mesh that differs from that of the classes."""
+    inherited = map_classes.mesh(classes)
+    if writer.first_value(codecs.MESH) is not None or mesh != inherited:
+        if mesh is None and inherited is not None:
+            writer.add_reference(UNTOLD, codecs.MESH.property)
+        else:
+            writer.write(codecs.MESH, mesh)
+
+
+def write_size(
+    writer: SubjectWriter, classes: tuple[Iri, ...], size: Vector | None, map_classes: ClassGeometry
+) -> None:
     """Writes the extents that differ from those of the classes."""
     inherited = map_classes.get(classes)
     if size is None:
@@ -370,8 +452,13 @@ def write_size(writer: SubjectWriter, classes: tuple[Iri, ...], size: Vector | N
 
 def _effective_size(reader_or_writer: SubjectWriter | SubjectReader, inherited: PartialSize) -> PartialSize:
     """The extents that a reader would find in the statements so far, ignoring `ms:untold`."""
+    own = (reader_or_writer.first_value(codec) for codec in SIZE)
+    return _first_known(_first_known(own, reader_or_writer.first_value(codecs.BOUNDING_BOX)), inherited)
+
+
+def _first_known(extents: Iterable[float | None], others: Iterable[float | None] | None) -> PartialSize:
+    """The extents, and where one is unknown, the other one."""
     x, y, z = (
-        given if extent is None else extent
-        for extent, given in zip((reader_or_writer.first_value(codec) for codec in SIZE), inherited, strict=True)
+        other if extent is None else extent for extent, other in zip(extents, others or (None, None, None), strict=True)
     )
     return x, y, z

@@ -22,6 +22,7 @@ from mindstage.scene import AxisMotion, FactValue, Iri, IriRef, Literal, Mobilit
 
 __all__ = [
     "ANGULAR_LIMITS",
+    "BOUNDING_BOX",
     "COLOR",
     "DISABLE_COLLISION",
     "GRAVITY",
@@ -183,7 +184,9 @@ def _axis_motion(property: Iri) -> PropertyCodec[AxisMotion]:
     )
 
 
-def _number_row(property: Iri, count: int, *, nonzero: bool = False) -> PropertyCodec[tuple[float, ...]]:
+def _number_row(
+    property: Iri, count: int, *, nonzero: bool = False, minimum: float = -math.inf
+) -> PropertyCodec[tuple[float, ...]]:
     pattern = re.compile(r"\s*" + r"\s+".join([_NUMBER_PATTERN] * count) + r"\s*", re.ASCII)
 
     def decode(value: FactValue) -> tuple[float, ...] | None:
@@ -192,12 +195,13 @@ def _number_row(property: Iri, count: int, *, nonzero: bool = False) -> Property
             return None
         numbers = tuple(map(float, text.split()))
         length = math.hypot(*numbers)
-        return numbers if math.isfinite(length) and (length > 0.0 or not nonzero) else None
+        is_valid = math.isfinite(length) and (length > 0.0 or not nonzero) and min(numbers) >= minimum
+        return numbers if is_valid else None
 
     def encode(numbers: tuple[float, ...]) -> Literal:
         return Literal(" ".join(repr(float(number)) for number in numbers))
 
-    what = f"{count} finite numbers" + (" that are not all 0" if nonzero else "")
+    what = f"{count} finite numbers{' that are not all 0' if nonzero else ''}{'' if minimum else ' of 0 or more'}"
     return PropertyCodec(property, what, decode, encode, by_value=True)
 
 
@@ -219,6 +223,8 @@ SIZE = (
     _number(knowrob("heightOfObject"), minimum=0.0),
 )
 """Along x, y and z [m]."""
+BOUNDING_BOX = _number_row(knowrob("boundingBoxSize"), 3, minimum=0.0)
+"""The same three extents as one text; read only, since `SIZE` takes precedence."""
 
 TRANSLATION = _number_row(knowrob("translation"), 3)
 QUATERNION = _number_row(knowrob("quaternion"), 4, nonzero=True)

@@ -7,7 +7,7 @@ link is inferred from the words of its name.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -104,8 +104,9 @@ class UrdfSources:
 
     packages: RosPackagePath
     class_names: ClassNameIndex
-    xacro_paths: Collection[Path] = frozenset()
-    """The files that are expanded if they contain xacro: those that the user has named and asked for."""
+    xacro_paths: Mapping[Path, Mapping[str, str]] = field(default_factory=dict)
+    """The files that are expanded if they contain xacro, with the values of their arguments: those that the user has
+    named and asked for."""
     packages_only: bool = False
     """Whether meshes are read from packages only, not from other files: for a text that comes from a port."""
     urdf_robots: dict[Path, UrdfRobot] = field(default_factory=dict)
@@ -180,8 +181,7 @@ class UrdfSources:
     def _read(self, path: Path) -> UrdfRobot:
         from mindstage.maps.urdf.parse import read_urdf
 
-        is_requested = path in self.xacro_paths
-        return read_urdf(path, self.packages, xacro=is_requested, packages_only=self.packages_only)
+        return read_urdf(path, self.packages, xacro=self.xacro_paths.get(path), packages_only=self.packages_only)
 
     def _report_issues(self, path: Path, urdf_world: UrdfWorld) -> None:
         for issue in urdf_world.issues:

@@ -414,7 +414,7 @@ def read_urdf(
     path: Path,
     packages: RosPackagePath,
     *,
-    xacro: bool = False,
+    xacro: Mapping[str, str] | bool | None = False,
     measure_meshes: bool = True,
     packages_only: bool = False,
 ) -> UrdfRobot:
@@ -423,8 +423,9 @@ def read_urdf(
     Args:
         path: a URDF or xacro file.
         packages: where `package://` meshes and files included by xacro are searched.
-        xacro: whether the file is expanded if it contains xacro: only where the user has named it and asked for it,
-            never for a text that comes from a port, nor for a file that another file refers to.
+        xacro: whether the file is expanded if it contains xacro, or the values of its `xacro:arg` elements, by name:
+            only where the user has named it and asked for it, never for a text that comes from a port, nor for a file
+            that another file refers to.
         measure_meshes: whether mesh files are read for the sizes of geometries.
         packages_only: whether only those in packages are read: for a text that comes from a port.
 
@@ -441,11 +442,11 @@ def read_urdf(
     if root.tag != "robot":
         raise SourceParseError(str(path), cause=f"its root element is <{root.tag}>, not <robot>")
     if place := _find_xacro(root):
-        if not xacro:
+        if xacro is None or xacro is False:
             raise XacroRefusedError(str(path), cause=f"{place} is written in xacro, {_ONLY_ON_REQUEST}")
         from mindstage.maps.urdf.xacro_process import expand_xacro
 
-        data = expand_xacro(path, packages)
+        data = expand_xacro(path, packages, {} if xacro is True else xacro)
         root = parse_xml(path, data)
     robot = parse_robot(root, path, packages, measure_meshes=measure_meshes, packages_only=packages_only)
     return replace(robot, source_xml=data.decode("utf-8", "replace"))

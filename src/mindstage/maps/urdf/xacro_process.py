@@ -14,9 +14,11 @@ import struct
 import subprocess
 import sys
 import threading
+from collections.abc import Mapping
 from importlib.util import find_spec
 from itertools import islice, takewhile
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO
 
 import msgspec
@@ -32,9 +34,10 @@ __all__ = [
     "Reply",
     "Request",
     "Task",
+    "XacroRequest",
     "expand_xacro",
-    "is_requested",
     "read_message",
+    "requested_arguments",
     "write_message",
 ]
 
@@ -50,6 +53,7 @@ _REQUEST_LIMIT = 10_000
 """Maximum number of files, patterns and packages that are asked for."""
 _PACKAGE_LEVELS = 5
 """The number of folders above the file among which the package with it is searched."""
+_NO_ARGUMENTS: Mapping[str, str] = MappingProxyType({})
 _LENGTH = struct.Struct("<Q")
 _KEPT_VARIABLES = ("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT")
 """What the interpreter may need of the environment to start."""
@@ -64,6 +68,7 @@ class Task(msgspec.Struct, frozen=True, kw_only=True):
     path: str
     cpu_s: int
     result_limit: int
+    arguments: Mapping[str, str] = {}
 
 
 class FileRequest(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -135,18 +140,29 @@ def read_message(pipe: IO[bytes], limit: int = 2 * _RESULT_LIMIT) -> bytes:
     return data
 
 
-def is_requested(path: str | os.PathLike[str], xacro: bool | None) -> bool:
-    """Whether a file that the user has named is expanded: as given, or if that is None, by its suffix `.xacro`.
+XacroRequest = bool | Mapping[str, str] | None
+"""Whether the descriptions that the user names are expanded if they contain xacro: None for those whose name ends in
+`.xacro`; values of their `xacro:arg` elements, by name, ask for it too."""
+
+
+def requested_arguments(path: str | os.PathLike[str], xacro: XacroRequest) -> Mapping[str, str] | None:
+    """The values of the `xacro:arg` elements of a file that the user has named; None if it is not to be expanded.
 
     Never call this for a name that comes from a port or is found in a file.
     """
-    return os.fspath(path).lower().endswith(".xacro") if xacro is None else xacro
+    if isinstance(xacro, Mapping):
+        return xacro
+    asked = os.fspath(path).lower().endswith(".xacro") if xacro is None else xacro
+    return {} if asked else None
 
 
-def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TIMEOUT_S) -> bytes:
+def expand_xacro(
+    path: Path, packages: RosPackagePath, arguments: Mapping[str, str] = _NO_ARGUMENTS, *, timeout_s: float = _TIMEOUT_S
+) -> bytes:
     """Expands the macros of a xacro file and returns URDF.
 
-    Files are read from the folder of the file, the package that it is in, and the folders of packages.
+    Files are read from the folder of the file, the package that it is in, and the folders of packages. `arguments` are
+    the values of `xacro:arg` elements, by name.
 
     Raises:
         SourceParseError: xacro is not installed, fails, exceeds a limit, or its process cannot be confined.
@@ -167,8 +183,9 @@ def expand_xacro(path: Path, packages: RosPackagePath, *, timeout_s: float = _TI
     timer.start()
     outcome: Expansion | None = None
     reason = ""
+    task = Task(path=str(path), arguments=dict(arguments), cpu_s=int(timeout_s) + 1, result_limit=_RESULT_LIMIT)
     try:
-        outcome = _serve(process, Task(path=str(path), cpu_s=int(timeout_s) + 1, result_limit=_RESULT_LIMIT), files)
+        outcome = _serve(process, task, files)
     except ValueError as error:  # msgspec.DecodeError is one too
         reason = f"its process has sent {error}"
     except (EOFError, OSError):

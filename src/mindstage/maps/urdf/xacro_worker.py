@@ -57,7 +57,7 @@ def _outcome(task: Task) -> Expansion:
     if problem := _limit_resources(task) or confine():
         return Expansion(problem=problem, is_unconfined=True)
     try:
-        data = expander.expand(task.path).encode()
+        data = expander.expand(task.path, task.arguments).encode()
     except SourceParseError as error:
         return Expansion(problem=error.cause)
     except RecursionError:

@@ -16,7 +16,7 @@ from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.io.xml import first_tag
 from mindstage.maps.urdf.parse import read_urdf
 from mindstage.maps.urdf.urdf_model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
-from mindstage.maps.urdf.xacro_process import is_requested
+from mindstage.maps.urdf.xacro_process import XacroRequest, requested_arguments
 from mindstage.robots.models.catalog import ModelSource, find_model
 from mindstage.robots.models.link_geometry import read_link_geometries
 from mindstage.robots.models.link_tree import LinkTree, sorted_tree
@@ -62,7 +62,7 @@ def load_model(
     name: str | None = None,
     srdf: Path | None = None,
     folders: Iterable[Path] = (),
-    xacro: bool | None = None,
+    xacro: XacroRequest = None,
     cache: Path | None = None,
 ) -> RobotModel:
     """Reads a robot description.
@@ -73,8 +73,9 @@ def load_model(
         srdf: its SRDF; by default one of the same name beside the description, or in a folder `srdf` near it.
         folders: where `package://` meshes are searched, and where files that an MJCF file names may be, besides its
             own folder.
-        xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`. Give
-            False for a source that the user has not chosen.
+        xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`. A
+            mapping gives the values of its arguments (`xacro:arg`), and asks for it too. Give False for a source that
+            the user has not chosen.
         cache: directory for imported meshes; by default in the user's cache.
 
     Raises:
@@ -88,7 +89,7 @@ def load_model(
     if is_mjcf:
         description = _from_mjcf(path, found, folders)
     else:
-        description = _from_urdf(path, found, folders, cache, xacro=is_requested(path, xacro))
+        description = _from_urdf(path, found, folders, cache, xacro=requested_arguments(path, xacro))
     stated = srdf or found.srdf
     used = stated or _srdf_beside(path)
     if used is not None and stated is None:
@@ -136,7 +137,7 @@ def _from_mjcf(path: Path, source: ModelSource, folders: Sequence[Path]) -> _Des
 
 
 def _from_urdf(
-    path: Path, source: ModelSource, folders: Sequence[Path], cache: Path | None, *, xacro: bool
+    path: Path, source: ModelSource, folders: Sequence[Path], cache: Path | None, *, xacro: Mapping[str, str] | None
 ) -> _Description:
     packages = RosPackagePath((*folders, *_package_folders(path)))
     try:
