@@ -9,12 +9,13 @@ from statistics import median
 
 import mujoco
 import numpy as np
+from msgspec.structs import replace
 
 from benchmarks import Measure
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
-from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
+from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.edits import Spawn
 
 RUNS = 9
@@ -30,6 +31,7 @@ def measure() -> Iterator[Measure]:
     yield _cost_per_body()
     yield _cost_per_body_by_hand()
     yield _reading_poses()
+    yield from _many_kitchens(kitchen)
 
 
 def kitchen_world() -> World:
@@ -204,6 +206,67 @@ def _cost_per_body_by_hand() -> Measure:
         what="the same, MjSpec script", ours=1e6 * theirs / 10_000, unit="us", peer="per body of 1,000",
         theirs=1e6 * few / 1000,
     )  # fmt: skip
+
+
+def copies_of(world: World, count: int) -> World:
+    """A world that many times, in a square with gaps of about 3 m; the copies of `id` are `id@1` and so on."""
+    side = int(np.ceil(np.sqrt(count)))
+
+    def renamed(id: BodyId, number: int) -> BodyId:
+        return BodyId(f"{id}@{number}" if number else id)
+
+    def moved(pose: Pose, number: int) -> Pose:
+        x, y, z = pose.position
+        return replace(pose, position=(x + 8.0 * (number % side), y + 8.0 * (number // side), z))
+
+    def ends(link: Joint | Attachment, number: int) -> dict[str, BodyId]:
+        return {"parent": renamed(link.parent, number), "child": renamed(link.child, number)}
+
+    numbers = range(count)
+    return replace(
+        world,
+        bodies=tuple(
+            replace(each, id=renamed(each.id, n), pose=moved(each.pose, n)) for n in numbers for each in world.bodies
+        ),
+        joints=tuple(
+            replace(each, id=renamed(each.id, n), pose=moved(each.pose, n), **ends(each, n))
+            for n in numbers
+            for each in world.joints
+        ),
+        attachments=tuple(replace(each, **ends(each, n)) for n in numbers for each in world.attachments),
+    )
+
+
+def _many_kitchens(kitchen: World) -> Iterator[Measure]:
+    """Worlds of 5,080 and of 20,320 bodies: spawn and first step, an edit, and rest."""
+    (one_s,) = _timed(lambda: _spawn(kitchen))
+    for count, seconds in ((20, 1.0), (80, 6.0)):
+        world = copies_of(kitchen, count)
+        start = time.perf_counter()
+        engine = _spawn(world)
+        first_s = time.perf_counter() - start
+        bodies = f"{len(world.bodies):,} bodies"
+        yield Measure(
+            what=f"spawn and first step, {bodies}", ours=first_s, unit="s", peer=f"{count} times the kitchen alone",
+            theirs=count * one_s, at_most=2.0, memory_mb=_memory_mb(),
+        )  # fmt: skip
+        yield Measure(what=f"the same, {bodies}", ours=first_s, unit="s", at_most=seconds)
+        engine.step(5.0)
+        taken = []
+        for number in range(RUNS):
+            thing = _box(f"new{number}", (8.0 + 0.3 * number, 0.5, 1.2), (0.1, 0.1, 0.1), Mobility.DYNAMIC)
+            start = time.perf_counter()
+            engine.apply(Spawn(replace(world, bodies=(thing,), joints=(), attachments=())))
+            engine.step(0.002)
+            taken.append(time.perf_counter() - start)
+        yield Measure(what=f"a new body among {bodies}", ours=1000 * median(taken), unit="ms", at_most=50.0)
+        engine.step(5.0)
+        start = time.perf_counter()
+        engine.step(60.0)
+        yield Measure(
+            what=f"real-time factor at rest, {bodies}", ours=60.0 / (time.perf_counter() - start), unit="s/s",
+            at_least=100.0,
+        )  # fmt: skip
 
 
 def _reading_poses() -> Measure:

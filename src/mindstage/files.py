@@ -10,7 +10,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from itertools import count
@@ -29,6 +29,7 @@ __all__ = [
     "file_lock",
     "home_folder",
     "is_own_folder",
+    "modules_of",
 ]
 
 _LOCK_TIMEOUT_S = 30.0
@@ -108,6 +109,15 @@ def _home() -> Path:
     if home is None:
         raise FileNotFoundError(errno.ENOENT, "the user has no home directory", "~")
     return home / ("Library/Caches" if sys.platform == "darwin" else ".cache") / "mindstage"
+
+
+def modules_of(package: Path, folders: Iterable[str]) -> list[tuple[str, int, int]]:
+    """The paths, sizes and times of the modules in some folders of a package: keys for what they compute.
+
+    One of them has the version, and developers change the others.
+    """
+    files = [entry for folder in folders for entry in os.scandir(package / folder) if entry.name.endswith(".py")]
+    return sorted((entry.path, entry.stat().st_size, entry.stat().st_mtime_ns) for entry in files)
 
 
 def home_folder() -> Path | None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 
 from mindstage.engines import SpawnNoteKind
-from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine, model_cache
 from mindstage.errors import SimulationDivergedError
 from mindstage.scene import (
     AngularLimits,
@@ -97,11 +97,9 @@ def test_the_snapshot_is_read_from_the_simulation() -> None:
 
 
 def test_consecutive_edits_cost_one_recompile(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mindstage.engines.mujoco import engine as scene
-
     compile_count = []
-    original = scene.compile_model
-    monkeypatch.setattr(scene, "compile_model", lambda blueprint: compile_count.append(1) or original(blueprint))
+    original = model_cache.compile_model
+    monkeypatch.setattr(model_cache, "compile_model", lambda blueprint: compile_count.append(1) or original(blueprint))
     engine = MujocoEngine()
     engine.apply(Spawn(room()))
     engine.step(0.01)

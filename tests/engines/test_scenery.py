@@ -8,7 +8,7 @@ import pytest
 from mindstage.engines.kinematic_tree import movable_axes
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco.compiler import cull_static_contacts
-from mindstage.engines.mujoco.engine import ModelCache
+from mindstage.engines.mujoco.model_cache import ModelCache
 from mindstage.scene import BodyId, Pose, World
 from mindstage.scene.bounding_boxes import OrientedBoxes
 from mindstage.scene.edits import SetPoses, Spawn

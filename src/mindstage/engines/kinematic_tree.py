@@ -214,6 +214,29 @@ class KinematicForest:
             root_of={id: root for id, root in self.root_of.items() if id not in ids},
         )
 
+    def part(self, roots: Iterable[BodyId], *, fixed: Collection[BodyId]) -> KinematicForest:
+        """Some of the groups, with the joints between them.
+
+        Args:
+            roots: the roots of the groups, in the order of the forest.
+            fixed: the roots of groups that are static in the result, without their joints.
+        """
+        groups = {
+            root: replace(self.groups[root], mobility=Mobility.STATIC) if root in fixed else self.groups[root]
+            for root in roots
+        }
+        moving = {root for root, group in groups.items() if group.is_dynamic}
+        return KinematicForest(
+            groups,
+            self.root_of,
+            self.rigid_parents,
+            {root: self.tree_joints[root] for root in groups if root in moving and root in self.tree_joints},
+            [
+                loop for loop in self.loop_joints
+                if not moving.isdisjoint((self.root_of[loop.parent], self.root_of[loop.child]))
+            ],
+        )  # fmt: skip
+
     def tree_root_of(self, root: BodyId) -> BodyId:
         """The root group of the tree of one group."""
         while (tree_joint := self.tree_joints.get(root)) is not None:

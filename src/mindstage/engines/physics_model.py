@@ -306,6 +306,17 @@ class PhysicsModelBuilder:
         """Whether a body collides with the ground: loose bodies do, unless they were below it."""
         return self.ground is not None and id not in self._below_ground and self.is_loose(id)
 
+    def simulation_flags(self) -> frozenset[tuple[str, BodyId]]:
+        """What is decided about bodies with yes or no, and matters for their models."""
+        sets = {
+            "non-colliding": self.collision_filter.non_colliding,
+            "immovable": self.registry.immovable,
+            "below ground": self._below_ground,
+            "loose": self.loose_roots,
+            "weightless": self.actuators.weightless,
+        }
+        return frozenset((name, id) for name, ids in sets.items() for id in ids)
+
     @property
     def assumptions(self) -> tuple[str, ...]:
         """See `AssumingEngine`."""
@@ -320,10 +331,12 @@ class PhysicsModelBuilder:
         """Geometry of the bodies that have some."""
         return self.mass_properties.geometry
 
-    def masses(self) -> dict[BodyId, float]:
-        """Given masses, estimates for dynamic bodies without one, and 0 for the others [kg]."""
-        moving = {id for each in self.forest.groups.values() if each.is_dynamic for id in each.bodies}
-        return {id: self.mass_properties.mass(id, is_dynamic=id in moving) for id in self.registry.bodies}
+    def masses(self, ids: Iterable[BodyId] | None = None) -> dict[BodyId, float]:
+        """Given masses, estimates for dynamic bodies without one, and 0 for others [kg]; by default of all bodies."""
+        return {
+            id: self.mass_properties.mass(id, is_dynamic=self._is_dynamic(id))
+            for id in (self.registry.bodies if ids is None else ids)
+        }
 
     def collision_shapes(self, id: BodyId) -> tuple[tuple[CollisionShape, ...], Array | None]:
         """Collision shapes of a body: wall panels if it is hollow, those of its geometry, or its primitive shape.
@@ -559,13 +572,22 @@ class PhysicsModelBuilder:
 
         Pairs within one rigid group are not listed.
         """
-        forest = self.forest
-        excluded = self.collision_filter.excluded_pairs | self.given_excluded_pairs
-        pairs = {pair for pair in excluded if forest.root_of[pair[0]] != forest.root_of[pair[1]]}
-        for first, second in self._jointed_groups():
-            for a in forest.groups[first].bodies:
-                pairs |= {sorted_pair(a, b) for b in forest.groups[second].bodies}
-        return pairs
+        return {*self.overlapping_pairs(), *self.jointed_pairs()}
+
+    def overlapping_pairs(self) -> set[tuple[BodyId, BodyId]]:
+        """Those of the pairs that never collide which overlap, or were given with a spawn."""
+        root_of, pairs = self.forest.root_of, self.collision_filter.excluded_pairs | self.given_excluded_pairs
+        return {pair for pair in pairs if root_of[pair[0]] != root_of[pair[1]]}
+
+    def jointed_pairs(self) -> frozenset[tuple[BodyId, BodyId]]:
+        """Those of the pairs that never collide which joints connect."""
+        groups = self.forest.groups
+        return frozenset(
+            sorted_pair(a, b)
+            for first, second in self._jointed_groups()
+            for a in groups[first].bodies
+            for b in groups[second].bodies
+        )
 
     def _jointed_groups(self) -> set[tuple[BodyId, BodyId]]:
         """Pairs of group roots: the two ends of a joint, and a door with whatever else is fixed to its case."""

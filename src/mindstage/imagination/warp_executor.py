@@ -452,6 +452,7 @@ class _Template:
         engine = self.simulation.engine.run(lambda engine: engine.fork())
         if not isinstance(engine, MujocoEngine):
             raise ImaginationError(f"the worlds of {engine.name} cannot be simulated by MuJoCo Warp; {_OTHERS}")
+        engine.join_regions()
         self.engine = engine
         """An engine for edits of one world at a time."""
         self.driven: list[BodyId] = []

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import msgspec
 
-from mindstage.files import atomic_write
+from mindstage.files import atomic_write, modules_of
 from mindstage.maps.dialects.conventions import Assumption
 from mindstage.rdf.graphs import Finding, gc_paused
 from mindstage.registry import Group, fingerprint
@@ -119,7 +119,4 @@ def _is_entry(name: str) -> bool:
 
 @cache
 def _program() -> Sequence[tuple[str, int, int]]:
-    """The names, sizes and times of the modules that read worlds, since developers change them; one has the version."""
-    package = Path(__file__).parents[1]
-    files = [entry for folder in _PACKAGES for entry in os.scandir(package / folder) if entry.name.endswith(".py")]
-    return sorted((entry.path, entry.stat().st_size, entry.stat().st_mtime_ns) for entry in files)
+    return modules_of(Path(__file__).parents[1], _PACKAGES)

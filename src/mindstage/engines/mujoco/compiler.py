@@ -53,10 +53,12 @@ __all__ = [
     "MeshAsset",
     "ModelInput",
     "add_geom",
+    "arena_size",
     "compile_model",
     "contact_options",
     "cull_static_contacts",
     "inertia_frame",
+    "is_fixed_group",
     "load_mesh",
     "set_defaults",
     "set_joint_friction",
@@ -83,10 +85,14 @@ class ModelInput:
     masses: dict[BodyId, float]
     forest: KinematicForest
     excluded_pairs: set[tuple[BodyId, BodyId]]
+    linked: frozenset[BodyId]
+    """Bodies on joints, and those of excluded pairs: they are no scenery."""
     kinematics_driven: bool = False
     """Whether kinematic bodies are moved; until then they are fixed like static ones, which costs nothing."""
     has_mocap_bodies: bool = False
     """Whether kinematic bodies that are moved are mocap bodies, as in files, and not those of `set_kinematic_pose`."""
+    is_divisible: bool = False
+    """Whether the world is so large that it has regions, which have to move as the whole world would, bit for bit."""
     arena_used_bytes: int = 0
     """How much of its arena the model before it has used."""
     arena_cap_bytes: int = ARENA_CAP_BYTES
@@ -94,31 +100,22 @@ class ModelInput:
 
     def is_fixed(self, group: RigidGroup) -> bool:
         """Whether a group is fixed to the world."""
-        return group.mobility in FIXED_MOBILITIES or (
-            group.mobility is Mobility.KINEMATIC and not self.kinematics_driven
-        )
+        return is_fixed_group(group, kinematics_driven=self.kinematics_driven)
 
-    @classmethod
-    def from_builder(
-        cls, builder: PhysicsModelBuilder, poses: Array, timestep_s: float, *, kinematics_driven: bool = False
-    ) -> ModelInput:
-        """The input for the current world of a builder."""
-        builder.order_forest()
-        ids = builder.registry.ids
-        rows = {id: row for row, id in enumerate(ids)}
-        sizes, masses, bodies = builder.mass_properties.sizes(ids), builder.masses(), builder.registry.bodies
-        return cls(
-            builder,
-            poses,
-            timestep_s,
-            bodies,
-            rows,
-            sizes,
-            masses,
-            builder.forest,
-            builder.excluded_pairs(),
-            kinematics_driven,
-        )
+
+def arena_size(model_input: ModelInput, bodies: int) -> int:
+    """The size of the arena of a new model [bytes].
+
+    Args:
+        model_input: its input.
+        bodies: the number of MuJoCo's bodies.
+    """
+    return first_arena_size(bodies, used_bytes=model_input.arena_used_bytes, cap_bytes=model_input.arena_cap_bytes)
+
+
+def is_fixed_group(group: RigidGroup, *, kinematics_driven: bool) -> bool:
+    """Whether a group is fixed to the world in a model, in which kinematic bodies may be moved, or not."""
+    return group.mobility in FIXED_MOBILITIES or (group.mobility is Mobility.KINEMATIC and not kinematics_driven)
 
 
 _MESH_SUFFIXES = frozenset({".obj", ".stl", ".msh"})
@@ -525,6 +522,8 @@ class _SpecBuilder:
         if self.driven_roots:
             self.spec.default.geom.solimp[0] = _DRIVEN_IMPEDANCE
         option.enableflags |= int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        if self.model_input.is_divisible:  # as MuJoCo chooses for 60 degrees of freedom; the last bits depend on it
+            option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged state must not be reset silently
         self.spec.compiler.degree = False
 
@@ -593,18 +592,9 @@ class _SpecBuilder:
     def add_scenery(self) -> list[BodyId]:
         """Adds bodies that are only collided with as geoms of the world body, and returns their ids."""
         model_input = self.model_input
-        builder = model_input.builder
-        excluded = {
-            id
-            for pairs in (builder.collision_filter.excluded_pairs, builder.given_excluded_pairs)
-            for pair in pairs
-            for id in pair
-        }
-        joints = model_input.builder.registry.joints.values()
-        excluded |= {end for joint in joints for end in (joint.parent, joint.child)}
         scenery: list[BodyId] = []
         for group in model_input.forest.groups.values():
-            if model_input.is_fixed(group) and excluded.isdisjoint(group.bodies):
+            if model_input.is_fixed(group) and model_input.linked.isdisjoint(group.bodies):
                 scenery += group.bodies
         shapes_of_body = [model_input.builder.collision_shapes(id) for id in scenery]
         counts = self.scenery_geom_counts = [len(shapes) for shapes, _ in shapes_of_body]
@@ -797,9 +787,7 @@ class _SpecBuilder:
 
     def compile(self, scenery: list[BodyId]) -> CompiledModel:
         model_input = self.model_input
-        self.spec.memory = first_arena_size(
-            len(self.spec.bodies), used_bytes=model_input.arena_used_bytes, cap_bytes=model_input.arena_cap_bytes
-        )
+        self.spec.memory = arena_size(model_input, len(self.spec.bodies))
         try:
             model = self.spec.compile()
         except ValueError as error:  # the registry should have refused the input

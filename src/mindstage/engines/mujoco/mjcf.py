@@ -21,8 +21,8 @@ from mindstage.engines.base import SpawnNoteKind
 from mindstage.engines.edits import SetActuators
 from mindstage.engines.kinematic_tree import AXIS_NAMES
 from mindstage.engines.mujoco.compiler import MeshAsset, compile_model, load_mesh
-from mindstage.engines.mujoco.engine import ModelCache
 from mindstage.engines.mujoco.mjcf_visuals import VisualAssets, format_color
+from mindstage.engines.mujoco.model_cache import ModelCache
 from mindstage.engines.mujoco.state import CompiledModel, limit_stiffness
 from mindstage.errors import MapWriteError
 from mindstage.scene import NO_GEOMETRY, Body, BodyGeometry, BodyId, GeometryMap, Joint, Light, LightType, World

@@ -18,7 +18,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.engines.actuators import ActuatorSet
 from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
@@ -315,6 +314,10 @@ class CompiledModel:
             raise
         self.poses_outdated = True
 
+    def step_back(self) -> None:
+        """Restores the state before the last `step`, of a model without kinematic bodies; motions are not undone."""
+        mujoco.mj_copyData(self.data, self.model, self.before)
+
     def _divided(self, fast: Mapping[BodyId, float]) -> Any:
         """The model with a shorter time step, in which the contacts of fast bodies have shorter time constants.
 
@@ -497,18 +500,21 @@ _FULLY_AWAKE = -(1 + mujoco.mjMINAWAKE)
 
 
 def transfer_state(
-    old: CompiledModel | None,
+    owners: Mapping[BodyId, CompiledModel],
     new: CompiledModel,
     poses: Mapping[BodyId, Array],
     joint_frames: Mapping[BodyId, tuple[Array, Array]],
     at_rest: set[BodyId],
     changed_boxes: NDArray[np.float64],
     commands: dict[str, float],
+    *,
+    is_first: bool = False,
+    is_same_world: bool = False,
 ) -> None:
-    """Sets the state of a new model from that of the old one.
+    """Sets the state of a new model from that of the models before it.
 
     Args:
-        old: the previous model, or None.
+        owners: for each body that moved in a model, that model.
         new: the model to set.
         poses: current poses of all bodies [m, w x y z].
         joint_frames: each joint's frame in its parent and in its child.
@@ -516,30 +522,83 @@ def transfer_state(
         changed_boxes: k x 2 x 3, lower and upper corners of boxes in which something changed [m]; bodies that sleep
             there wake up.
         commands: the commands of actuators; an actuator without one gets its position.
+        is_first: whether there was no model before, so that all joints are as they were spawned.
+        is_same_world: whether nothing was edited since: then bodies go on as if they had stayed in their model, bit for
+            bit.
     """
     data = new.data
-    if old is not None:
-        new.motions = {
-            root: motion
-            for root, motion in old.motions.items()
-            if root in new.kinematic_addresses and root in old.body_ids and root not in at_rest
-        }
-    for root, (_, velocity) in new.free_joint_addresses.items():
+    if is_same_world:
+        _copy_constants(owners, new)
+    for root in new.kinematic_addresses:
+        old = owners.get(root)
+        if old is not None and root in old.motions and root not in at_rest:
+            new.motions[root] = old.motions[root]
+    for root, (position, velocity) in new.free_joint_addresses.items():
+        old = owners.get(root)
         if old is not None and root in old.body_ids and root not in at_rest:  # scenery has no velocity
             data.qvel[velocity : velocity + 6] = _velocity(old, root)
             if root in old.free_joint_addresses:
-                old_dof = old.free_joint_addresses[root][1]
+                old_qpos, old_dof = old.free_joint_addresses[root]
                 data.qacc_warmstart[velocity : velocity + 6] = old.data.qacc_warmstart[old_dof : old_dof + 6]
+                if is_same_world:
+                    data.qpos[position : position + 7] = old.data.qpos[old_qpos : old_qpos + 7]
     for id, joint in new.joints.items():
-        if old is not None and not _copy_joint(old, new, id, joint, at_rest):  # a first model has them
+        if not is_first and not _copy_joint(owners.get(joint.tree_joint.child), new, id, joint, at_rest):
             set_joint_coordinates(new, joint, current_joint_coordinates(joint, poses, joint_frames[id]))
     if new.actuators.names:
         for name, address, sign in zip(new.actuators.names, new.actuators.positions, new.actuators.signs, strict=True):
             commands.setdefault(name, sign * data.qpos.item(address))
         set_commands(new, commands)
     new.forward()
-    if old is not None:
-        _keep_asleep(old, new, changed_boxes)
+    if is_same_world:
+        _copy_countdowns(owners, new)
+    _keep_asleep(owners, new, changed_boxes)
+
+
+_BODY_CONSTANTS = ("body_invweight0", "body_subtreemass")
+_DOF_CONSTANTS = ("dof_invweight0", "dof_M0", "dof_frictionloss", "dof_damping")
+
+
+def _copy_constants(owners: Mapping[BodyId, CompiledModel], new: CompiledModel) -> None:
+    """Copies what a model derives from masses and from the poses at which it is compiled."""
+    for old, before, now in _common_bodies(owners, new):
+        old_model, model = old.model, new.model
+        for name in _BODY_CONSTANTS:
+            getattr(model, name)[now] = getattr(old_model, name)[before]
+        counts = model.body_dofnum[now]
+        offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        here = np.repeat(model.body_dofadr[now], counts) + offsets
+        there = np.repeat(old_model.body_dofadr[before], counts) + offsets
+        for name in _DOF_CONSTANTS:
+            getattr(model, name)[here] = getattr(old_model, name)[there]
+        joints, old_joints = model.dof_jntid[here], old_model.dof_jntid[there]
+        model.jnt_solref[joints] = old_model.jnt_solref[old_joints]
+        model.jnt_solimp[joints] = old_model.jnt_solimp[old_joints]
+
+
+def _copy_countdowns(owners: Mapping[BodyId, CompiledModel], new: CompiledModel) -> None:
+    """Lets trees that are awake fall asleep as soon as they would have in their models."""
+    for old, before, now in _common_bodies(owners, new):
+        trees, old_trees = new.model.body_treeid[now], old.model.body_treeid[before]
+        counts = old.data.tree_asleep[old_trees]
+        is_awake = counts < 0
+        new.data.tree_asleep[trees[is_awake]] = counts[is_awake]
+
+
+def _common_bodies(
+    owners: Mapping[BodyId, CompiledModel], new: CompiledModel
+) -> Iterator[tuple[CompiledModel, NDArray[np.intp], NDArray[np.intp]]]:
+    """For each model before, the numbers of the bodies in it that move in the new one, and their numbers there."""
+    trees = new.model.body_treeid
+    for old in {id(each): each for each in owners.values()}.values():
+        pairs = [
+            (old.body_ids[body], number)
+            for body, number in new.body_ids.items()
+            if owners.get(body) is old and body in old.body_ids and trees[number] >= 0
+        ]
+        if pairs:
+            before, now = np.array(pairs, dtype=np.intp).T
+            yield old, before, now
 
 
 def set_commands(compiled: CompiledModel, commands: Mapping[str, float]) -> None:
@@ -566,13 +625,9 @@ def limit_stiffness(compiled: CompiledModel) -> dict[str, float]:
     return {compiled.actuators.names[row]: float(largest[row]) for row in limited.tolist()}
 
 
-def actuator_states(compiled: CompiledModel, actuators: ActuatorSet) -> dict[str, ActuatorState]:
-    """See `Engine.actuator_states`."""
-    data, names = compiled.data, compiled.actuators.names
-    states = {
-        name: ActuatorState(position=0.0, velocity=0.0, effort=0.0, command=actuators.commands.get(name, 0.0))
-        for name in (actuators.actuators if len(names) < len(actuators.actuators) else ())
-    }
+def actuator_states(compiled: CompiledModel) -> dict[str, ActuatorState]:
+    """The states of the actuators of a model; see `Engine.actuator_states`."""
+    data, states = compiled.data, {}
     qpos, qvel = data.qpos, data.qvel  # numbers of a few joints are read faster one by one than by an array of indices
     for name, position, dof, sign, effort, command in zip(
         *compiled.actuators, data.actuator_force.tolist(), data.ctrl.tolist(), strict=True
@@ -608,10 +663,17 @@ def set_joint_coordinates(compiled: CompiledModel, joint: ModelJoint, coordinate
     compiled.data.qvel[joint.dof_address : joint.dof_address + len(joint.axes)] = 0.0
 
 
-def _copy_joint(old: CompiledModel, new: CompiledModel, id: BodyId, joint: ModelJoint, at_rest: set[BodyId]) -> bool:
+def _copy_joint(
+    old: CompiledModel | None, new: CompiledModel, id: BodyId, joint: ModelJoint, at_rest: set[BodyId]
+) -> bool:
     """Copies the state of a joint; False if the joint is new or changed, or one of its bodies was moved."""
-    old_joint = old.joints.get(id)
-    if old_joint is None or old_joint.tree_joint.parent != joint.tree_joint.parent or old_joint.axes != joint.axes:
+    old_joint = None if old is None else old.joints.get(id)
+    if (
+        old is None
+        or old_joint is None
+        or old_joint.tree_joint.parent != joint.tree_joint.parent
+        or old_joint.axes != joint.axes
+    ):
         return False
     if joint.tree_joint.child in at_rest and joint.tree_joint.parent not in at_rest:
         return False
@@ -646,35 +708,36 @@ def _trees_by_body(compiled: CompiledModel) -> dict[BodyId, int]:
     return {id: int(trees[body_id]) for id, body_id in compiled.body_ids.items() if trees[body_id] >= 0}
 
 
-def _keep_asleep(old: CompiledModel, new: CompiledModel, changed_boxes: NDArray[np.float64]) -> None:
+def _keep_asleep(
+    owners: Mapping[BodyId, CompiledModel], new: CompiledModel, changed_boxes: NDArray[np.float64]
+) -> None:
     """Lets trees that were asleep stay asleep.
 
     MuJoCo links the trees of a sleeping island in a cycle. A cycle is kept if all of its trees still exist and nothing
     changed near any of them.
     """
-    trees = _trees_by_body(new)
-    asleep = old.data.tree_asleep
-    next_of: dict[int, int] = {}
-    tree_of_old: dict[int, int] = {}
-    for id, old_tree in _trees_by_body(old).items():
-        if id in trees:
-            tree_of_old.setdefault(old_tree, trees[id])
-    for old_tree, new_tree in tree_of_old.items():
-        neighbor = int(asleep[old_tree])
-        if neighbor >= 0 and neighbor in tree_of_old:
-            next_of[new_tree] = tree_of_old[neighbor]
-    disturbed = _disturbed_trees(new, changed_boxes)
-    sleeping: set[int] = set()
-    for start, next_tree in next_of.items():
-        cycle, tree = [start], next_tree
-        while tree != start and tree in next_of and len(cycle) <= len(next_of):
-            cycle.append(tree)
-            tree = next_of[tree]
-        if tree == start and not disturbed.intersection(cycle):
-            sleeping.update(cycle)
-    if sleeping and _UPDATE_SLEEP is not None:
-        for tree in sleeping:
-            new.data.tree_asleep[tree] = next_of[tree]
+    if _UPDATE_SLEEP is None:
+        return
+    trees, disturbed, sleeping = _trees_by_body(new), _disturbed_trees(new, changed_boxes), dict[int, int]()
+    for old in {id(each): each for each in owners.values()}.values():
+        tree_of_old: dict[int, int] = {}
+        for body, old_tree in _trees_by_body(old).items():
+            if body in trees and owners.get(body) is old:
+                tree_of_old.setdefault(old_tree, trees[body])
+        next_of = {
+            tree_of_old[tree]: tree_of_old[neighbor]
+            for tree, neighbor in enumerate(old.data.tree_asleep.tolist())
+            if neighbor >= 0 and tree in tree_of_old and neighbor in tree_of_old
+        }
+        for start, next_tree in next_of.items():
+            cycle, tree = [start], next_tree
+            while tree != start and tree in next_of and len(cycle) <= len(next_of):
+                cycle.append(tree)
+                tree = next_of[tree]
+            if tree == start and not disturbed.intersection(cycle):
+                sleeping.update((each, next_of[each]) for each in cycle)
+    if sleeping:
+        new.data.tree_asleep[list(sleeping)] = list(sleeping.values())
         _UPDATE_SLEEP(new.model._address, new.data._address)
 
 
@@ -783,10 +846,16 @@ class ContactPoints(NamedTuple):
     """k, negative for a penetration [m]."""
 
 
-def find_contacts(compiled: CompiledModel, ids: Sequence[BodyId]) -> tuple[Contact, ...]:
-    """The contacts in the current state, merged by pair of bodies, in the order of the ids."""
-    points, ends = contact_points(compiled), ground_last(compiled.geom_rows, len(ids))
-    return merge_contacts(points, ends[points.geoms]).contacts(ids)
+def find_contacts(compiled: CompiledModel, rows: NDArray[np.intp], ids: Sequence[BodyId]) -> tuple[Contact, ...]:
+    """The contacts in the current state, merged by pair of bodies, in the order of the ids.
+
+    Args:
+        compiled: the model.
+        rows: the row of each of its bodies in the ids.
+        ids: all bodies.
+    """
+    points, ends = contact_points(compiled), ground_last(compiled.geom_rows, len(rows))
+    return merge_contacts(points, np.append(rows, len(ids))[ends[points.geoms]]).contacts(ids)
 
 
 def contact_points(compiled: CompiledModel) -> ContactPoints:

@@ -1,0 +1,337 @@
+"""Regions: a large world in several MuJoCo models moves as in one, whatever crosses their borders.
+
+The referee is one model of the whole world, which MuJoCo steps without any regions, and distances between shapes.
+"""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from mindstage.engines.mujoco import MujocoEngine, model_cache, regions
+from mindstage.scene import Body, BodyId, Joint, Pose, World
+from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
+from mindstage.scene.transforms import Array
+from tests.engines.contract import current_pose
+from tests.engines.scenes import body, prismatic_joint, revolute_joint, world
+
+_LENGTH_M = 40.0
+
+
+@pytest.fixture(autouse=True)
+def small_regions(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Regions of ten bodies, so that a short row of furniture has several of them; and an empty cache."""
+    monkeypatch.setattr(regions, "REGION_BODIES", 10)
+    monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path))
+
+
+def row_of_furniture(seed: int, places: int = 30) -> World:
+    """Stacks of boxes, cabinets with doors, and chests with drawers in a row along x, on one floor."""
+    rng = np.random.default_rng(seed)
+    bodies: list[Body] = [body("floor", (0.0, 0.0, -0.05), (_LENGTH_M + 10.0, 10.0, 0.1))]
+    joints: list[Joint] = []
+    x = -_LENGTH_M / 2
+    for number in range(places):
+        x += rng.uniform(0.6, 1.2)
+        kind = rng.choice(["stack", "stack", "door", "drawer"])
+        if kind == "stack":
+            size, height = rng.uniform(0.1, 0.25, 3), 0.0
+            for level in range(rng.integers(1, 4)):
+                extents = size * 0.9**level
+                at = (x, float(rng.uniform(-0.2, 0.2)) if not level else bodies[-1].pose.position[1], height)
+                bodies.append(_box(f"box{number}.{level}", at, extents, float(rng.uniform(0.3, 2.0))))
+                height += extents[2]
+        elif kind == "door":
+            bodies.append(body(f"cabinet{number}", (x, 0.0, 0.4), (0.3, 0.4, 0.8)))
+            bodies.append(body(f"door{number}", (x, -0.215, 0.4), (0.3, 0.02, 0.7), "dynamic", 3.0))
+            hinge = (x - 0.15, -0.215, 0.4)
+            joints.append(revolute_joint(f"hinge{number}", f"cabinet{number}", f"door{number}", hinge))
+        else:
+            bodies.append(body(f"chest{number}", (x, 0.0, 0.1), (0.3, 0.4, 0.2)))
+            bodies.append(body(f"drawer{number}", (x, 0.0, 0.3), (0.28, 0.4, 0.18), "dynamic", 2.0))
+            joints.append(prismatic_joint(f"slide{number}", f"chest{number}", f"drawer{number}", (x, 0.0, 0.3)))
+    return world(*bodies, *joints)
+
+
+def _box(name: str, foot: tuple[float, float, float], size: Array, mass_kg: float) -> Body:
+    x, y, z = foot
+    extents = tuple(size.tolist())
+    return body(name, (x, y, z + extents[2] / 2), extents, "dynamic", mass_kg)
+
+
+def engine_of(position: World, *, whole: bool = False) -> MujocoEngine:
+    engine = MujocoEngine()
+    if whole:
+        engine.join_regions()
+    engine.apply(Spawn(position))
+    return engine
+
+
+def push_some(engine: MujocoEngine, position: World, seed: int, far: str = "") -> None:
+    """Pushes four things along the row, such that they slide for about half a meter, and waits until all is at rest.
+
+    Meanwhile a thing far away is pushed, if one is named.
+    """
+    rng = np.random.default_rng([seed, 1])
+    pushed = [each for each in position.bodies if each.physics.is_dynamic and each.id.endswith(".0")]
+    doors = [each for each in position.bodies if each.id.startswith("door")]
+    for each in [*rng.choice(np.array(pushed, dtype=object), 3, replace=False), *doors[:1]]:
+        mass = each.physics.mass_kg
+        forward = rng.choice([-1.0, 1.0]) * mass * rng.uniform(12.0, 18.0)
+        force = (0.0, -5.0, 0.0) if each in doors else (forward, mass * rng.uniform(-2.0, 2.0), 0.0)
+        for _ in range(12):
+            engine.apply_force(each.id, force)
+            if far:
+                engine.apply_force(BodyId(far), (9.0, 0.0, 0.0))
+            engine.step(0.02)
+    engine.step(3.0)
+
+
+def _with_far(position: World) -> tuple[World, World]:
+    """The same world, as another object, and with something far away."""
+    far = (
+        body("far floor", (0, 500, 0), (4000, 1, 0.1)),
+        body("far thing", (0, 500, 0.15), (0.2, 0.2, 0.2), "dynamic", 1),
+    )
+    return replace(position, bodies=position.bodies), replace(position, bodies=(*position.bodies, *far))
+
+
+def regions_of(engine: MujocoEngine) -> list[set[BodyId]]:
+    return [region.bodies for region in engine._cache.regions]
+
+
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[set[BodyId]]:
+    """The bodies of the models that are compiled from now on."""
+    found: list[set[BodyId]] = []
+    original = model_cache.compile_model
+    monkeypatch.setattr(
+        model_cache,
+        "compile_model",
+        lambda given: found.append(set(given.rows)) or original(given),  # type: ignore[func-returns-value]
+    )
+    return found
+
+
+def test_a_large_world_has_several_regions_and_each_body_that_moves_is_in_one() -> None:
+    position = row_of_furniture(0)
+    engine = engine_of(position)
+    engine.step(0.1)
+    found = regions_of(engine)
+    assert len(found) >= 3
+    assert max(len(each) for each in found) <= 10
+    assert sorted(id for each in found for id in each) == sorted(
+        each.id for each in position.bodies if each.physics.is_dynamic
+    )
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_at_rest_all_poses_are_the_same_as_in_one_model_bit_for_bit(seed: int) -> None:
+    position = row_of_furniture(seed)
+    parts, whole = engine_of(position), engine_of(position, whole=True)
+    for duration_s in (0.002, 0.1, 2.0):
+        parts.step(duration_s)
+        whole.step(duration_s)
+        assert np.array_equal(parts.poses()[1], whole.poses()[1])
+    assert parts.stats() == whole.stats()
+    assert parts.stats().awake == 0
+    assert len(regions_of(whole)) == 1
+
+
+@pytest.mark.parametrize("seed", [*range(10), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(10, 50))])
+def test_pushes_stacks_and_doors_across_borders_move_as_in_one_model(seed: int) -> None:
+    """Within 1 mm or 1 %, except where one model is not determined to 0.1 mm by what the world is.
+
+    MuJoCo's sums depend in their last bits on what else is awake. Where a box tips, or does not, that decides: then one
+    model with a thing that slides half a kilometer away differs as well, and only the order of magnitude is compared.
+    """
+    position = row_of_furniture(seed)
+    parts, whole, disturbed = (engine_of(each, whole=each is not position) for each in (position, *_with_far(position)))
+    before = whole.poses()[1][:, :3]
+    push_some(parts, position, seed)
+    push_some(whole, position, seed)
+    push_some(disturbed, position, seed, far="far thing")
+    expected = whole.poses()[1][: len(before), :3]
+    moved = np.linalg.norm(expected - before, axis=1)
+    other = disturbed.poses()[1][: len(before), :3]
+    is_sensitive = np.linalg.norm(other - expected, axis=1).max() > 1e-4
+    differ = np.linalg.norm(parts.poses()[1][:, :3] - expected, axis=1)
+    allowed = np.maximum(0.001, 0.01 * moved) if not is_sensitive else 0.1
+    assert moved.max() > 0.05
+    assert (differ <= allowed).all(), parts.poses()[0][int(np.argmax(differ))]
+
+
+def test_what_crosses_a_border_stops_at_what_rests_behind_it() -> None:
+    bricks = [
+        body(f"brick{n}", (4.0, -0.4 + 0.2 * (n % 5), 0.25 + 0.5 * (n // 5)), (0.2, 0.19, 0.5), "dynamic", 2000.0)
+        for n in range(10)
+    ]
+    bullet = body("bullet", (0.0, 0.0, 0.05), (0.4, 0.1, 0.1), "dynamic", 5.0)
+    engine = engine_of(world(body("floor", (0, 0, -0.05), (60, 20, 0.1)), bullet, *bricks))
+    engine.step(1.0)
+    assert not any({"bullet", "brick2"} <= each for each in regions_of(engine))
+    for _ in range(10):
+        engine.apply_force(BodyId("bullet"), (500.0, 0.0, 0.0))
+        engine.step(0.01)
+    farthest = 0.0
+    for _ in range(150):
+        engine.step(0.01)
+        farthest = max(farthest, float(current_pose(engine, "bullet")[0]))
+    assert 3.7 < farthest < 3.9, "it reaches the bricks, and its center never is behind their faces"
+    assert any({"bullet", "brick2"} <= each for each in regions_of(engine))
+
+
+def test_what_moved_away_leaves_nothing_where_it_was() -> None:
+    """A box of another region is a fixed geom in the model of a sliding one only where it still is."""
+    boxes = [body(f"box{n}", (n, 3.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(30)]
+    things = [
+        body(name, (x, 0.0, 0.05), (0.1, 0.1, 0.1), "dynamic", 1.0) for name, x in (("slider", 14.0), ("gone", 16.0))
+    ]
+    engine = engine_of(world(body("floor", (15, 0, -0.05), (60, 20, 0.1)), *things, *boxes))
+    engine.step(1.0)
+    engine.apply(SetPoses({BodyId("gone"): Pose((16.0, -4.0, 0.05))}))
+    for _ in range(10):
+        engine.apply_force(BodyId("slider"), (80.0, 0.0, 0.0))
+        engine.step(0.01)
+    engine.step(3.0)
+    assert current_pose(engine, "slider")[0] > 16.5
+    assert abs(current_pose(engine, "slider")[1]) < 0.02
+
+
+def test_what_leaves_its_only_region_meets_what_is_fixed_far_away() -> None:
+    """The world has one region, whose model has only what is near."""
+    block = body("block", (0.0, 0.0, 0.05), (0.4, 0.1, 0.1), "dynamic", 5.0)
+    shelves = [body(f"shelf{n}", (n, 3.0, 0.5), (0.3, 0.3, 1.0)) for n in range(1600)]
+    engine = engine_of(
+        world(body("floor", (0, 0, -0.05), (60, 20, 0.1)), body("wall", (4, 0, 1), (0.2, 2, 2)), block, *shelves)
+    )
+    for _ in range(10):
+        engine.apply_force(BodyId("block"), (500.0, 0.0, 0.0))
+        engine.step(0.01)
+    farthest = 0.0
+    for _ in range(150):
+        engine.step(0.01)
+        farthest = max(farthest, float(current_pose(engine, "block")[0]))
+    assert 3.7 < farthest < 3.9
+    assert len(regions_of(engine)) == 1
+    assert len(engine._cache.regions[0].compiled.rows) < 30
+
+
+def test_a_kinematic_tray_carries_its_load_through_many_regions() -> None:
+    boxes = [
+        body(f"box{n}", (0.5 * n, y, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(20) for y in (-1.0, 1.0)
+    ]
+    tray = body("tray", (0, 0, 0.5), (0.4, 0.4, 0.02), "kinematic")
+    cup = body("cup", (0, 0, 0.56), (0.08, 0.08, 0.1), "dynamic", 0.3)
+    engine = engine_of(world(body("floor", (5, 0, -0.05), (60, 20, 0.1)), tray, cup, *boxes))
+    engine.step(0.5)
+    before = current_pose(engine, "cup")[:3]
+    for number in range(1, 1001):
+        engine.apply(SetPoses({BodyId("tray"): Pose((0.01 * number, 0.0, 0.5))}))
+        engine.step(0.02)
+    engine.step(1.0)
+    assert len(regions_of(engine)) > 3
+    np.testing.assert_allclose(current_pose(engine, "cup")[:3] - before, (10.0, 0.0, 0.0), atol=0.002)
+
+
+def test_the_same_calls_give_the_same_bits_however_steps_are_divided_and_in_copies() -> None:
+    position = row_of_furniture(3)
+    first, second = engine_of(position), engine_of(position)
+    for engine in (first, second):
+        engine.step(0.5)
+        for id in ("box0.0", "door4"):
+            if BodyId(id) in engine.poses()[0]:
+                engine.apply(SetPoses({BodyId(id): Pose((-19.0, 1.0, 0.6))}) if "box" in id else Delete((BodyId(id),)))
+    fork = first.fork()
+    state = pickle.loads(pickle.dumps(first.save_state()))
+    first.step(2.0)
+    for _ in range(200):
+        second.step(0.01)
+    fork.step(2.0)
+    restored = MujocoEngine()
+    restored.restore_state(state)
+    restored.step(2.0)
+    for engine in (second, fork, restored):
+        assert np.array_equal(engine.poses()[1], first.poses()[1])
+        assert regions_of(engine) == regions_of(first)
+        assert engine.time_s == pytest.approx(first.time_s)
+
+
+def test_an_edit_compiles_and_wakes_only_what_is_near(monkeypatch: pytest.MonkeyPatch) -> None:
+    engine = engine_of(row_of_furniture(1))
+    engine.step(3.0)
+    assert engine.stats().awake == 0
+    before, compiled = regions_of(engine), compilations(monkeypatch)
+    x = float(current_pose(engine, "floor")[0]) - 15.0
+    engine.apply(Spawn(world(body("new", (x, 2.0, 0.05), (0.1, 0.1, 0.1), "dynamic", 0.5))))
+    engine.step(0.002)
+    assert len(compiled) <= 2
+    assert len(before) > 3
+    assert engine.stats().awake == 1
+    engine.apply(Delete((BodyId("new"),)))
+    engine.step(2.0)
+    assert regions_of(engine) == before
+    assert engine.stats().awake == 0
+
+
+def test_regions_at_rest_are_not_stepped_and_what_lies_in_them_is_read_and_woken() -> None:
+    position = row_of_furniture(2)
+    engine = engine_of(position)
+    engine.step(5.0)
+    models = [region.compiled.data for region in engine._cache.regions]
+    times = [data.time for data in models]
+    engine.step(10.0)
+    assert [data.time for data in models] == times
+    assert engine.time_s == pytest.approx(15.0)
+    thing = next(each.id for each in position.bodies if each.id.endswith(".0"))
+    engine.apply_force(thing, (12.0 * (position.body(thing).physics.mass_kg or 0.0), 0.0, 0.0))
+    engine.step(0.02)
+    assert engine.stats().awake > 0
+    assert any(thing in (contact.a, contact.b) for contact in engine.contacts())
+    assert current_pose(engine, thing)[0] != position.body(thing).pose.position[0]
+
+
+def test_what_is_attached_across_a_border_moves_as_one() -> None:
+    row = [body(f"box{n}", (n, 0.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(25)]
+    engine = engine_of(world(body("floor", (12, 0, -0.05), (60, 20, 0.1)), *row))
+    engine.step(1.0)
+    engine.apply(Attach(BodyId("box2"), BodyId("box22")))
+    engine.apply(SetPoses({BodyId("box2"): Pose((2.0, 3.0, 0.5))}))
+    engine.step(1.0)
+    apart = current_pose(engine, "box22")[:3] - current_pose(engine, "box2")[:3]
+    assert np.linalg.norm(apart) == pytest.approx(20.0, abs=1e-6)
+    assert any({"box2", "box22"} <= each for each in regions_of(engine))
+
+
+def test_a_model_is_read_from_the_cache_with_the_same_results_unless_the_file_is_damaged(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    position = world(*row_of_furniture(5, places=60).bodies)
+    monkeypatch.setattr(regions, "REGION_BODIES", 1000)
+
+    def poses() -> Array:
+        engine = engine_of(position)
+        engine.step(0.3)
+        return engine.poses()[1]
+
+    compiled = poses()
+    (file,) = (tmp_path / "models").iterdir()
+    monkeypatch.setattr("mindstage.engines.mujoco.model_files.compile_model", lambda given: pytest.fail("compiled"))
+    assert np.array_equal(poses(), compiled)
+    monkeypatch.undo()
+    monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path))
+    monkeypatch.setattr(regions, "REGION_BODIES", 1000)
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    assert np.array_equal(poses(), compiled)
+
+
+def test_models_are_not_read_from_a_folder_of_someone_else(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(regions, "REGION_BODIES", 1000)
+    monkeypatch.setattr("mindstage.engines.mujoco.model_files.is_own_folder", lambda folder: False)
+    engine_of(row_of_furniture(5, places=60)).step(0.1)
+    assert not list((tmp_path / "models").iterdir())
