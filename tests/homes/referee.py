@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.mjcf import world_to_mjcf
 from mindstage.geometry import fit_geometry
@@ -46,7 +47,9 @@ class Referee:
 
     def overlaps(self) -> set[tuple[str, str]]:
         """The pairs of bodies whose shapes overlap in the current pose."""
-        return {pair for shape in self._shapes for pair in self._overlaps_of(shape, self._shapes[self._shapes > shape])}
+        return {
+            pair for shape in self._shapes for pair in self._overlaps_of(int(shape), self._shapes[self._shapes > shape])
+        }
 
     def hit_while_opening(self) -> set[tuple[str, str]]:
         """The fronts that hit something that is not loose, with what they hit."""
@@ -56,14 +59,15 @@ class Referee:
         for joint in self.hinged:
             root = self.model.jnt_bodyid[joint]
             own = (self._body[fixed] == root) | (parents[self._body[fixed]] == root)
-            for position in np.linspace(*self.model.jnt_range[joint], 6):
+            low, high = self.model.jnt_range[joint]
+            for position in np.linspace(low, high, 6):
                 self.data.qpos[:] = self.model.qpos0
                 self.data.qpos[self.model.jnt_qposadr[joint]] = position
                 mujoco.mj_kinematics(self.model, self.data)
-                found |= {pair for shape in fixed[own] for pair in self._overlaps_of(shape, fixed[~own])}
+                found |= {pair for shape in fixed[own] for pair in self._overlaps_of(int(shape), fixed[~own])}
         return found
 
-    def _overlaps_of(self, shape: int, others: np.ndarray) -> Iterator[tuple[str, str]]:
+    def _overlaps_of(self, shape: int, others: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
         position, radius = self.data.geom_xpos, self.model.geom_rbound
         reach = radius[shape] + radius[others]
         others = others[np.linalg.norm(position[others] - position[shape], axis=1) <= reach]

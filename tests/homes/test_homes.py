@@ -9,13 +9,14 @@ from hashlib import sha256
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 import mindstage as ms
 from mindstage.errors import InvalidArgumentError
 from mindstage.homes import HomePart, HomeStyle, generate_home
 from mindstage.maps import write_map
-from mindstage.scene import World
+from mindstage.scene import Mobility, World
 from tests.cli.conftest import run
 from tests.cli.runner import Run, json_output
 from tests.homes.referee import Referee
@@ -37,6 +38,24 @@ def test_nothing_overlaps(referee: Referee) -> None:
     assert referee.overlaps() == set()
 
 
+def overlapping_boxes(world: World) -> set[tuple[str, str]]:
+    """The pairs of static bodies whose boxes overlap; all of them are turned by right angles."""
+    still = [body for body in world.bodies if body.physics.mobility is Mobility.STATIC and body.size]
+    center = np.array([body.pose.position for body in still])
+    half = np.array([body.size for body in still]) / 2
+    turned = np.abs([body.pose.quaternion[3] ** 2 - 0.5 for body in still]) < 0.1
+    half[turned] = half[turned][:, [1, 0, 2]]
+    room = (np.abs(center[:, None] - center) - half[:, None] - half).max(axis=2)
+    first, second = np.nonzero(np.triu(room < -0.0005, 1))
+    return {(still[a].id, still[b].id) for a, b in zip(first, second, strict=True)}
+
+
+@pytest.mark.parametrize("style", HomeStyle)
+def test_no_furniture_overlaps(style: HomeStyle) -> None:
+    for seed in range(6):
+        assert overlapping_boxes(generate_home(seed=seed, style=style, clutter=0)) == set()
+
+
 def test_every_front_opens_over_its_whole_range(referee: Referee) -> None:
     assert len(referee.hinged) > 15
     assert referee.hit_while_opening() == set()
@@ -56,15 +75,20 @@ def test_the_referee_notices_what_is_planted(kitchen: World) -> None:
             bodies.append(msgspec.structs.replace(body, pose=pose) if body.id == id else body)
         return msgspec.structs.replace(kitchen, bodies=tuple(bodies))
 
-    bin_id = next(body.id for body in kitchen.bodies if body.id.startswith("pedal_bin"))
-    lifted = Referee(moved(bin_id, (0.0, 0.0, 0.05)))
-    assert bin_id in lifted.moved(0.5)
-    counter_top = next(body.id for body in kitchen.bodies if body.id.startswith("counter_top"))
-    sunk = Referee(moved(counter_top, (0.0, 0.0, -0.01)))
-    assert any(counter_top in pair for pair in sunk.overlaps())
-    drawer = next(body.id for body in kitchen.bodies if "_drawer_" in body.id)
-    stuck = Referee(moved(drawer, (0.0, 0.0, -0.05)))
-    assert any(drawer in pair for pair in stuck.hit_while_opening())
+    counter_top = next(body for body in kitchen.bodies if body.id.startswith("counter_top"))
+    top = counter_top.pose.position[2] + (counter_top.size or (0.0,) * 3)[2] / 2
+    loose = (body for body in kitchen.bodies if body.physics.is_dynamic and body.size)
+    thing = next(each.id for each in loose if abs(each.pose.position[2] - (each.size or (0,) * 3)[2] / 2 - top) < 1e-4)
+    lifted = Referee(moved(thing, (0.0, 0.0, 0.05)))
+    assert thing in lifted.moved(0.5)
+    assert any(counter_top.id in pair for pair in overlapping_boxes(moved(counter_top.id, (0.0, 0.0, -0.01))))
+    slide = next(joint for joint in kitchen.joints if joint.linear.x == 1)
+    lamp = next(body for body in kitchen.bodies if body.id.startswith("ceiling_light"))
+    turn = 2 * np.arctan2(slide.pose.quaternion[3], slide.pose.quaternion[0])
+    before_it = np.array(slide.pose.position) + 0.3 * np.array([np.cos(turn), np.sin(turn), 0.0])
+    x, y, z = before_it - lamp.pose.position
+    in_the_way = Referee(moved(lamp.id, (x, y, z)))
+    assert any(slide.child in pair for pair in in_the_way.hit_while_opening())
 
 
 @pytest.mark.parametrize("style", HomeStyle)

@@ -9,7 +9,7 @@ import typer
 
 from mindstage.cli.options import AsJson, ExitCode
 from mindstage.cli.output import print_json, print_line
-from mindstage.homes import HomePart, HomeStyle
+from mindstage.homes.styles import HomePart, HomeStyle
 
 __all__ = ["home"]
 

@@ -13,7 +13,7 @@ from enum import StrEnum
 from mindstage.homes.scenery import Frame, Motion, Scenery, Space, class_iri
 from mindstage.scene import Body, Mobility
 
-__all__ = ["Cabinet", "Front", "Grip", "add_lid"]
+__all__ = ["Front", "FrontedCase", "Grip", "add_lid"]
 
 QUARTER_TURN_RAD = 1.570796
 LID_TURN_RAD = 1.4
@@ -58,7 +58,7 @@ class Grip(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cabinet:
+class FrontedCase:
     """A case whose front can be closed; `frame` is at its center, `bottom` and `top` bound the part with fronts."""
 
     scenery: Scenery

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from types import MappingProxyType
 
-from mindstage.homes.fronts import Cabinet, Front, Grip, add_lid
+from mindstage.homes.fronts import Front, FrontedCase, Grip, add_lid
 from mindstage.homes.rooms import Room, RoomKind
 from mindstage.homes.scenery import Frame, Scenery, Space, class_iri
 from mindstage.scene import Iri, Mobility, Vector
@@ -59,10 +59,10 @@ def _cabinet(
     grip: Grip,
     door_class: str = "ms:CupboardDoor",
     thickness: float = 0.019,
-) -> Cabinet:
+) -> FrontedCase:
     case = scenery.add(cls, size, frame, base)
     gap = scenery.random.choice((0.001, 0.002, 0.003, 0.004))
-    return Cabinet(
+    return FrontedCase(
         scenery=scenery,
         case=case,
         frame=frame,
@@ -227,7 +227,7 @@ def _oven(scenery: Scenery, _kind: str, size: Vector, frame: Frame, _grip: Grip)
     above = (size[0], size[1], size[2] - drawer[2])
     case = scenery.add("ms:ElectricOven", above, frame, drawer[2])
     doors = (above[0], above[1], above[2] - panel)
-    unit = Cabinet(
+    unit = FrontedCase(
         scenery=scenery,
         case=case,
         frame=frame,

@@ -18,9 +18,10 @@ from mindstage.homes.furnishing import fill_spaces, furnish
 from mindstage.homes.household import MS, household
 from mindstage.homes.rooms import Room, RoomKind, build_rooms
 from mindstage.homes.scenery import Frame, Scenery
+from mindstage.homes.styles import HomePart, HomeStyle
 from mindstage.scene import Iri, IriRef, Literal, NamedResource, PropertyAssertion, World
 
-__all__ = ["GENERATOR_VERSION", "HomePart", "HomeStyle", "generate_home"]
+__all__ = ["GENERATOR_VERSION", "generate_home"]
 
 GENERATOR_VERSION = 1
 """Raised when equal arguments no longer give equal homes."""
@@ -28,29 +29,6 @@ _ONTOLOGY = Iri("http://mindstage.org/ontology/household.ttl")
 _OWL = "http://www.w3.org/2002/07/owl#"
 _RDF_TYPE = Iri("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _INTEGER = Iri("http://www.w3.org/2001/XMLSchema#integer")
-
-
-class HomeStyle(StrEnum):
-    """The kinds of places that are generated."""
-
-    KITCHEN = "kitchen"
-    FLAT = "flat"
-    OFFICE = "office"
-    LAB = "lab"
-    SHOP = "shop"
-
-
-class HomePart(StrEnum):
-    """What a home can be generated without."""
-
-    THINGS = "things"
-    DOORS = "doors"
-    """Doors, lids and drawers of rooms and furniture."""
-    HANDLES = "handles"
-    WALLS = "walls"
-    WINDOWS = "windows"
-    LAMPS = "lamps"
-
 
 _ROOMS = {
     HomeStyle.KITCHEN: (RoomKind.KITCHEN,),
