@@ -23,6 +23,7 @@ from mindstage.ranges import Port, WallTime, checked
 if TYPE_CHECKING:
     from mindstage.access.certificates import TlsCertificate
     from mindstage.access.limits import VisitorLimits
+    from mindstage.assets.mesh_import import MeshProgress
     from mindstage.engines import Engine
     from mindstage.knowledge import KnowledgeBase, SparqlEndpoint
     from mindstage.maps import UnitConventions
@@ -445,6 +446,7 @@ def make_simulation(
     assets: StrPath | Iterable[StrPath] = (),
     primitive_shapes: bool = False,
     timeout_s: Timeout = 10.0,
+    mesh_progress: MeshProgress | None = None,
 ) -> Simulation:
     """Creates an empty simulation that owns the engine, with geometry from meshes and from shape rules of classes.
 
@@ -454,6 +456,7 @@ def make_simulation(
         assets: see `open`.
         primitive_shapes: see `open`.
         timeout_s: see `open`.
+        mesh_progress: called with the number of mesh files that are imported, and of all that have to be.
 
     Raises:
         SourceParseError: one of the asset folders does not exist.
@@ -463,7 +466,7 @@ def make_simulation(
 
     if primitive_shapes:
         return Simulation(knowledge, engine, timeout_s=timeout_s, primitive_shapes=True)
-    meshes = mesh_assets(assets, knowledge)
+    meshes = mesh_assets(assets, knowledge, progress=mesh_progress)
     knowledge.use_meshes(meshes.bounds)
     return Simulation(knowledge, engine, timeout_s=timeout_s, meshes=meshes)
 

@@ -23,6 +23,7 @@ from mindstage.scene.edits import Spawn
 
 if TYPE_CHECKING:
     from mindstage.assets import MeshLibrary
+    from mindstage.assets.mesh_import import MeshProgress
     from mindstage.engines.actuators import ActuatedBodies
     from mindstage.geometry import FittedGeometry
     from mindstage.knowledge import KnowledgeBase
@@ -153,8 +154,15 @@ def save_world(
     return (*notes, *told)
 
 
-def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) -> MeshLibrary:
+def mesh_assets(
+    folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase, *, progress: MeshProgress | None = None
+) -> MeshLibrary:
     """The meshes in the folders, and those that maps refer to.
+
+    Args:
+        folders: searched recursively.
+        knowledge: resolves the names of meshes in maps.
+        progress: called with the number of files that are imported, and of all that have to be.
 
     Raises:
         SourceParseError: one of the folders does not exist.
@@ -166,7 +174,7 @@ def mesh_assets(folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase) 
     for path in paths:
         if not path.is_dir():
             raise SourceParseError(str(path), cause="there is no such folder; assets takes folders of mesh files")
-    return MeshLibrary(paths, find_file=knowledge.find_file)
+    return MeshLibrary(paths, find_file=knowledge.find_file, progress=progress)
 
 
 def _dialect(name: str) -> FileDialect:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import struct
 import subprocess
 from pathlib import Path
@@ -501,17 +502,84 @@ def test_only_causes_in_the_file_are_remembered(
     block().export(folder / "cup.stl")
     worker = folder / "worker.py"
     worker.write_text(f"import json, os, sys\nsys.stdin.readline()\n{end}\n")
-    start = subprocess.Popen
+    start, started = subprocess.Popen, []
     monkeypatch.setattr(
         "mindstage.assets.mesh_import.subprocess.Popen",
-        lambda command, **options: start([command[0], str(worker)], **options),
+        lambda command, **options: (started.append(1), start([command[0], str(worker)], **options))[1],
     )
     cache.mkdir(exist_ok=True)
     _, rejected = import_meshes([folder / "cup.stl"], folder=cache)
     assert message in rejected[folder / "cup.stl"]
     assert bool(list(cache.glob("*.rejected"))) is remembered
-    monkeypatch.setattr("mindstage.assets.mesh_import._import_in_worker", lambda *_, **__: iter(()))
-    assert (folder / "cup.stl" in import_meshes([folder / "cup.stl"], folder=cache)[1]) is remembered
+    started.clear()
+    assert message in import_meshes([folder / "cup.stl"], folder=cache)[1][folder / "cup.stl"]
+    assert (not started) is remembered
+
+
+def test_files_are_imported_by_several_processes_at_once(
+    folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each worker answers a request only when another one has begun with a request, too."""
+    paths = [folder / f"cup{number}.stl" for number in range(4)]
+    for path in paths:
+        block().export(path)
+    worker = folder / "worker.py"
+    worker.write_text(MEETING_WORKER.format(folder=str(folder)))
+    start = subprocess.Popen
+    monkeypatch.setattr(
+        "mindstage.assets.mesh_import.subprocess.Popen",
+        lambda command, **options: start([command[0], str(worker)], **options),
+    )
+    monkeypatch.setattr("mindstage.assets.mesh_import.os.cpu_count", lambda: 2)
+    calls: list[tuple[int, int]] = []
+    imported, rejected = import_meshes(
+        paths, folder=cache, timeout_s=60.0, decompose=False, progress=lambda done, total: calls.append((done, total))
+    )
+    assert not imported
+    assert list(rejected) == paths, "in the order in which they were asked for"
+    assert all("met the other" in reason for reason in rejected.values())
+    assert calls == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_a_library_with_progress_can_be_sent_to_another_process(folder: Path, cache: Path) -> None:
+    block().export(folder / "cup.stl")
+    library = MeshLibrary([folder], find_file={}.get, cache=cache, progress=lambda done, total: None)
+    cup = Body(id=BodyId("cup"), iri=Iri("http://x.org#cup"), cls=Iri("http://x.org#Cup"), pose=Pose())
+    assert set(pickle.loads(pickle.dumps(library)).geometry_for([cup]).geometry) == {"cup"}
+
+
+MEETING_WORKER = """
+import json, os, pathlib, sys, time
+folder, own = pathlib.Path({folder!r}), f"began.{{os.getpid()}}"
+for line in sys.stdin:
+    (folder / own).touch()
+    end = time.monotonic() + 30
+    while len(list(folder.glob("began.*"))) < 2 and time.monotonic() < end:
+        time.sleep(0.01)
+    why = "met the other" if len(list(folder.glob("began.*"))) == 2 else "is alone"
+    print(json.dumps({{"path": "", "why": why, "kind": "file"}}), flush=True)
+"""
+
+
+def test_an_interrupted_import_leaves_no_process(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    paths = [folder / f"cup{number}.stl" for number in range(4)]
+    for path in paths:
+        block().export(path)
+    start, processes = subprocess.Popen, []
+
+    def record(command: list[str], **options: Any) -> Any:
+        processes.append(start(command, **options))
+        return processes[-1]
+
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mindstage.assets.mesh_import.subprocess.Popen", record)
+    with pytest.raises(KeyboardInterrupt):
+        import_meshes(paths, folder=cache, decompose=False, progress=interrupt)
+    assert processes
+    for process in processes:
+        process.wait(timeout=20.0)
 
 
 def fields(of: Body) -> dict[str, object]:

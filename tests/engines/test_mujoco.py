@@ -15,7 +15,9 @@ from mindstage.engines.mujoco import MujocoEngine, model_cache
 from mindstage.errors import SimulationDivergedError
 from mindstage.scene import (
     AngularLimits,
+    Attachment,
     AxisMotion,
+    Body,
     BodyId,
     BodyPhysics,
     Iri,
@@ -24,6 +26,7 @@ from mindstage.scene import (
     Mobility,
     Pose,
     SoftLimit,
+    Vector,
     World,
     diff,
 )
@@ -314,3 +317,53 @@ def test_a_fork_shares_the_model_and_leaves_sleeping_bodies_asleep() -> None:
     engine.step(0.5)
     assert fork.stats() == engine.stats()
     np.testing.assert_array_equal(fork.poses()[1], engine.poses()[1])
+
+
+def test_a_world_of_many_bodies_moves_like_a_part_of_it() -> None:
+    """Many bodies are in several models: what is joined stays together, and names refer to the same bodies."""
+
+    def hall(count: int) -> World:
+        bodies, joints, attachments = [], [], []
+        for number in range(count):
+            x, y = 3.0 * (number % 20), 3.0 * (number // 20)
+            bodies += [
+                _block(f"post{number}", (x, y, 2.0), (0.1, 0.1, 2.0), Mobility.STATIC),
+                _block(f"arm{number}", (x + 0.5, y, 2.0), (0.8, 0.05, 0.05), Mobility.DYNAMIC),
+                _block(f"tip{number}", (x + 0.9, y, 2.0), (0.1, 0.1, 0.1), Mobility.DYNAMIC),
+                _block(f"stone{number}", (x, y + 1.0, 2.0), (0.1, 0.1 + 0.001 * (number % 3), 0.1), Mobility.DYNAMIC),
+            ]
+            hinge = Joint(
+                id=BodyId(f"hinge{number}"),
+                iri=Iri(f"http://x.org#hinge{number}"),
+                parent=BodyId(f"post{number}"),
+                child=BodyId(f"arm{number}"),
+                pose=Pose((x + 0.1, y, 2.0)),
+                angular=AngularLimits(swing2=AxisMotion.FREE),
+            )
+            joints.append(hinge)
+            attachments.append(Attachment(parent=BodyId(f"arm{number}"), child=BodyId(f"tip{number}")))
+        return World(
+            iri=Iri("http://x.org#map"), bodies=tuple(bodies), joints=tuple(joints), attachments=tuple(attachments)
+        )
+
+    found = {}
+    for count in (3, 240):
+        with contextlib.closing(MujocoEngine()) as engine:
+            engine.apply(Spawn(hall(count), ground=False))
+            engine.step(0.3)
+            found[count] = {body.id: body.pose for body in engine.snapshot().bodies}
+    assert len(found[240]) == 960
+    for number in (0, 1, 2, 121, 239):
+        start = np.array([3.0 * (number % 20), 3.0 * (number // 20), 0.0])
+        for kind in ("post", "arm", "tip", "stone"):
+            pose, expected = found[240][BodyId(f"{kind}{number}")], found[3][BodyId(f"{kind}{number % 3}")]
+            moved = pose.position - start + np.array([3.0 * (number % 3), 0.0, 0.0])
+            assert moved == pytest.approx(expected.position, abs=1e-6), kind
+            assert pose.quaternion == pytest.approx(expected.quaternion, abs=1e-6), kind
+        assert found[240][BodyId(f"stone{number}")].position[2] < 1.6
+
+
+def _block(id: str, at: Vector, size: Vector, mobility: Mobility) -> Body:
+    physics = BodyPhysics(mobility=mobility)
+    iri = Iri(f"http://x.org#{id}")
+    return Body(id=BodyId(id), iri=iri, cls=Iri("http://x.org#Block"), pose=Pose(at), size=size, physics=physics)

@@ -170,6 +170,10 @@ def test_typical_sizes_are_known(bundled_knowledge: KnowledgeBase) -> None:
         ("DoorUpperLeft", "door", "door"),
         ("Mugs", "mug", "mug"),
         ("Faucet-Chrome", "tap", "faucet"),
+        ("DishWasher", "case", "dishwasher"),
+        ("PKDishWasherLowerHolder", "case", "dishwasher"),
+        ("CupBoards", "case", "cupboard"),
+        ("DishWasherDoor", "door", "door"),
     ],
 )
 def test_the_shape_of_an_unknown_class_is_guessed_from_its_name(

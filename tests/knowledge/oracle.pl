@@ -125,7 +125,7 @@ class_or_sayer(C) :- up(C, _).
 class_or_sayer(C) :- restricted(C, _, _).
 restricted(Class, R, Property) :- superclass_expression(Class, R), told(R, owl:onProperty, P), line(P, Property).
 line(P, P) :- named(P).
-line(P, Q) :- \+ named(P), told(P, owl:inverseOf, Q), named(Q).
+line(P, Inverse) :- \+ named(P), told(P, owl:inverseOf, Q), named(Q), atom_concat(^, Q, Inverse).
 
 word(R, Kind, Value) :-
     ( filler(Word, Kind), told(R, Word, V) -> value(V, Value)

@@ -110,13 +110,15 @@ class Statements:
             found += sorted((lower | self.subjects(OWL + "equivalentProperty", each)) - {*found})
         return {*found}
 
-    def restrictions(self, cls: str | None, property: str | None) -> Iterator[str]:
+    def restrictions(self, cls: str | None, property: str | None, direction: str | None = None) -> Iterator[str]:
         """The nodes of restrictions on a property or a subproperty, of a class with its superclasses, or of all."""
         wanted = None if property is None else self.below(property)
         owned = self.above(cls) if cls else {node for nodes in self.all_supers() for node in nodes}
         for node in owned:
-            for on in self.get(node, OWL + "onProperty"):
-                if wanted is None or on in wanted:
+            for stated in self.get(node, OWL + "onProperty"):
+                inverted = self.get(stated, OWL + "inverseOf") if stated.startswith("_:") else set()
+                is_wanted = wanted is None or bool(wanted & (inverted or {stated}))
+                if is_wanted and direction in (None, "inverse" if inverted else "forward"):
                     yield node
 
     def all_supers(self) -> Iterator[set[str]]:
@@ -238,7 +240,7 @@ def no_narrower_restriction(data: Statements, claim: Claim) -> bool:
 def no_stated_restriction(data: Statements, claim: Claim) -> bool:
     return not any(
         claim.object is None or claim.object in data.fillers(node)
-        for node in data.restrictions(claim.subject, claim.property)
+        for node in data.restrictions(claim.subject, claim.property, claim.detail)
     )
 
 

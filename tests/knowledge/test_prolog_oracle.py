@@ -40,10 +40,10 @@ def told_by_prolog(swipl: Path, files: list[Path]) -> Answers:
 
 def told_by_us(kb: KnowledgeBase) -> Answers:
     answers = {name: {tuple(getattr(row, end) for end in ends) for row in kb.ask(name)} for name, ends in ENDS.items()}
-    properties = {
-        (row.cls, f"{row.property} {row.source} {row.kind} {row.value if '://' in row.value else '-'}")
-        for row in kb.ask("class_properties")
-    }
+    properties = set()
+    for row in kb.ask("class_properties"):
+        property = f"{'^' * row.inverse}{row.property}"
+        properties.add((row.cls, f"{property} {row.source} {row.kind} {row.value if '://' in row.value else '-'}"))
     return answers | {"class_properties": properties}
 
 

@@ -264,7 +264,8 @@ def kitchen(sample: KnowledgeBase) -> World:
 
 
 def test_the_sample_is_read_completely(sample: KnowledgeBase, kitchen: World) -> None:
-    assert (len(kitchen.bodies), len(kitchen.joints), len(kitchen.attachments)) == (49, 17, 14)
+    # 14 handles are fixed to drawers, 3 to doors; the dishwasher and a drawer without a joint to their blocks.
+    assert (len(kitchen.bodies), len(kitchen.joints), len(kitchen.attachments)) == (49, 17, 19)
     assert not [finding for finding in sample.findings() if finding.severity.value == "error"]
     assert {joint_range(each) for each in kitchen.joints} == {(0.0, 0.48), (0.0, 1.57), (0.0, 2.0)}
     assert {"units", "quaternion", "mobility", "joints: position"} <= {each.topic for each in sample.assumptions()}

@@ -69,7 +69,7 @@ def test_failures_are_in_the_spawn_report(engine: Call) -> None:
 def test_describe_returns_engine_and_capabilities(engine: Call) -> None:
     response = engine("describe")
     assert (response["engine"], response["abilities"], response["format_version"]) == (
-        "mujoco", ["actuators", "joints", "save"], 2,
+        "mujoco", ["actuators", "joints", "kinematic velocities", "save"], 2,
     )  # fmt: skip
     assert response["takes"] == ["geometries"]
 

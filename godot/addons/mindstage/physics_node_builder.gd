@@ -6,8 +6,8 @@ extends RefCounted
 ## A node of the right type is reused and keeps its pose, velocity and sleep state. In the editor each change creates a
 ## new node, so that undo can restore the old one.
 
-## Default friction coefficient; a contact uses the smaller one of both bodies.
-const FRICTION: float = 0.7
+## Default friction coefficient, as in MuJoCo; a contact uses the smaller one of both bodies.
+const FRICTION: float = 0.8
 
 ## Smallest given moment of inertia [kg m²].
 const MIN_INERTIA: float = 1e-5

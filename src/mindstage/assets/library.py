@@ -17,7 +17,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from mindstage.assets.mesh_import import ImportedMesh, import_meshes
+from mindstage.assets.mesh_import import ImportedMesh, MeshProgress, import_meshes
 from mindstage.scene import (
     IDENTITY,
     Body,
@@ -224,6 +224,7 @@ class MeshLibrary:
         *,
         find_file: Callable[[str], Path | None] = lambda name: None,
         cache: Path | None = None,
+        progress: MeshProgress | None = None,
     ) -> None:
         """Indexes the folders.
 
@@ -231,15 +232,20 @@ class MeshLibrary:
             folders: searched recursively.
             find_file: resolves the name of a mesh in a map to a path (`KnowledgeBase.find_file`).
             cache: directory for imported meshes; by default in the user's cache.
+            progress: called with the number of files that are imported, and of all that have to be.
         """
         self._index = MeshIndex(folders, find_file=find_file)
-        self._cache = cache
+        self._cache, self._progress = cache, progress
         self._fit_cache: dict[tuple[str, Vector | None], tuple[BodyGeometry, str]] = {}
+
+    def __getstate__(self) -> dict[str, object]:
+        return self.__dict__ | {"_progress": None}  # which belongs to this process
 
     def geometry_for(self, bodies: Sequence[Body]) -> MeshLibraryResult:
         """Geometry of the bodies with a readable mesh file; errors in files become notes."""
         found = {body.id: match for body in bodies if (match := self._index.find(body)) is not None}
-        imported, rejected = import_meshes((match.path for match in found.values()), folder=self._cache)
+        paths = (match.path for match in found.values())
+        imported, rejected = import_meshes(paths, folder=self._cache, progress=self._progress)
         geometry: dict[BodyId, BodyGeometry] = {}
         changes: dict[str, list[BodyId]] = {}
         for body in bodies:
@@ -270,7 +276,8 @@ class MeshLibrary:
         """
         bodies = (Body(id=BodyId(cls), iri=cls, cls=cls, pose=IDENTITY, mesh=mesh) for mesh, cls in meshes)
         found = [self._index.find(body) for body in bodies]
-        imported, _ = import_meshes((match.path for match in found if match is not None), folder=self._cache)
+        paths = (match.path for match in found if match is not None)
+        imported, _ = import_meshes(paths, folder=self._cache, progress=self._progress)
         known = (None if match is None else imported.get(match.path) for match in found)
         return [None if mesh is None else (_vector(mesh.low), _vector(mesh.high)) for mesh in known]
 

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -25,7 +25,7 @@ from mindstage.files import atomic_write, cache_dir
 from mindstage.scene import PbrMaterial, VisualMesh
 from mindstage.scene.transforms import Array
 
-__all__ = ["ImportedMesh", "import_meshes"]
+__all__ = ["ImportedMesh", "MeshProgress", "import_meshes"]
 
 _VERSION = 2
 """Version of the cached files."""
@@ -34,6 +34,14 @@ _EXIT_TIMEOUT_S = 10.0
 """Time for a worker that has closed its output to exit [s]."""
 _TIMEOUT_S = 60.0
 """Timeout for one file; convex decomposition is the slow part."""
+_NO_DECOMPOSITION = "coacd is not installed (extra `pieces`)"
+_MAX_WORKERS = 4
+"""Number of processes, unless there are fewer cores: each may need some hundred MB."""
+_FILES_PER_WORKER = 2
+"""Smallest number of files for which another process is started, which takes as long as most files do."""
+
+MeshProgress = Callable[[int, int], object]
+"""Called with the number of files that are imported, and of all that have to be."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +70,9 @@ def import_meshes(
     keep_axes: bool = False,
     visuals: bool = True,
     likely_next: Iterable[Path] = (),
+    progress: MeshProgress | None = None,
 ) -> tuple[dict[Path, ImportedMesh], dict[Path, str]]:
-    """Imports files, or loads them from the cache.
+    """Imports files in several processes, or loads them from the cache.
 
     The cache remembers why a file was rejected, unless the cause may pass: a time limit that was exceeded, a worker
     that was killed, or a full disk.
@@ -77,6 +86,7 @@ def import_meshes(
         visuals: whether the visual meshes are loaded; otherwise there are none, and the bounds are those of the parts.
         likely_next: files that are imported to the cache as well if a process has to be started for one of the others,
             since starting it takes longer than most files do.
+        progress: called after each file that is not in the cache, with their number so far and in all.
 
     Returns:
         The imported meshes, and the reasons why other files were rejected.
@@ -106,7 +116,10 @@ def import_meshes(
     cache_files = {path: cache_file for path, (_, cache_file) in missing.items()}
     others = dict.fromkeys(path for path in (likely_next if missing else ()) if path not in wanted)
     cache_files |= _not_imported(others, folder, decompose=decompose, keep_axes=keep_axes)
-    for path, result in _import_in_worker(cache_files, timeout_s, decompose=decompose, keep_axes=keep_axes):
+    report = progress or _report_nothing
+    imports = _ImportQueue(cache_files, timeout_s, decompose=decompose, keep_axes=keep_axes)
+    for done, (path, result) in enumerate(imports.results(), start=1):
+        report(done, len(cache_files))
         cache_file = cache_files[path]
         is_final = result.reason != "" and not result.is_transient
         if is_final:
@@ -121,7 +134,14 @@ def import_meshes(
         rejected[path] = result.reason or f"its import could not be read from the cache, {cache_file}"
         if not is_final:
             rejected[path] += "; it is tried again next time"
-    return imported, rejected
+    return (
+        {path: imported[path] for path in wanted if path in imported},
+        {path: rejected[path] for path in wanted if path in rejected},
+    )
+
+
+def _report_nothing(done: int, total: int) -> None:
+    """The default of `progress`."""
 
 
 def _not_imported(paths: Iterable[Path], folder: Path, *, decompose: bool, keep_axes: bool) -> dict[Path, Path]:
@@ -216,43 +236,98 @@ _CRASH_SIGNALS = frozenset(
 """Signals by which a reader ends that crashes on the content of a file; others, such as SIGKILL, come from outside."""
 
 
-def _import_in_worker(
-    cache_files: Mapping[Path, Path], timeout_s: float, *, decompose: bool, keep_axes: bool
-) -> Iterator[tuple[Path, _Result]]:
-    """Imports files to cache files in a worker.
+class _ImportQueue:
+    """Files that are imported to cache files by several worker processes, each served by a thread."""
 
-    A file on which the worker crashes or times out is retried without convex decomposition, and the cached import
-    says why; other files are not affected.
-    """
-    pending = list(cache_files)
-    missing = "" if not decompose or _can_decompose() else "coacd is not installed (extra `pieces`)"
-    hull_reasons: dict[Path, str] = {}
-    """Why files are not decomposed after all; their convex hulls are used."""
-    while pending:
-        with _MeshWorker() as worker:
-            while pending:
-                path = pending[0]
-                # A name of its own: another process may import the same file at the same time.
-                out = cache_files[path].with_name(f".{uuid4().hex}.part.npz")
-                reason = missing or hull_reasons.get(path, "")
-                parts = decompose and not reason
-                result = worker.read(
-                    path, out, decompose=parts, hull_reason=reason, keep_axes=keep_axes, timeout_s=timeout_s
-                )
-                if worker.is_lost and parts:
-                    again = f"remove {cache_files[path]} to try it again"
-                    hull_reasons[path] = f"its convex decomposition failed: {result.reason}; {again}"
-                    break
-                pending.pop(0)
-                try:
-                    if not result.reason:
-                        out.replace(cache_files[path])
-                    out.unlink(missing_ok=True)
-                except OSError as error:
-                    result = _Result(_cache_problem(out.parent, error.strerror or str(error)), is_transient=True)
-                yield path, result
-                if worker.is_lost:
-                    break
+    def __init__(self, cache_files: Mapping[Path, Path], timeout_s: float, *, decompose: bool, keep_axes: bool) -> None:
+        """Starts no process yet."""
+        self._files, self._count = iter(cache_files.items()), len(cache_files)
+        self._timeout_s, self._decompose, self._keep_axes = timeout_s, decompose, keep_axes
+        self._results: queue.SimpleQueue[tuple[Path, _Result] | Exception | None] = queue.SimpleQueue()
+        self._workers: set[_MeshWorker] = set()
+        self._is_stopped = False
+        self._lock = threading.Lock()
+
+    def results(self) -> Iterator[tuple[Path, _Result]]:
+        """Imports the files; yields the results in the order in which they are ready."""
+        count = max(min(_MAX_WORKERS, os.cpu_count() or 1, self._count // _FILES_PER_WORKER), min(self._count, 1))
+        for _ in range(count):
+            threading.Thread(target=self._serve, name="mindstage-mesh-import", daemon=True).start()
+        try:
+            while count:
+                match self._results.get():
+                    case None:
+                        count -= 1
+                    case Exception() as error:
+                        raise error
+                    case result:
+                        yield result
+        finally:
+            with self._lock:
+                self._is_stopped = True
+                workers = list(self._workers)
+            for worker in workers:
+                worker.stop()
+
+    def _serve(self) -> None:
+        worker: _MeshWorker | None = None
+        try:
+            while (file := self._next()) is not None:
+                hull_reason = "" if not self._decompose or _can_decompose() else _NO_DECOMPOSITION
+                result = None
+                while result is None:
+                    worker = self._running(worker)
+                    result, hull_reason = self._import(worker, *file, hull_reason)
+                self._results.put((file[0], result))
+        except Exception as error:  # raised where the results are used
+            self._results.put(error)
+        finally:
+            if worker is not None:
+                worker.stop()
+            self._results.put(None)
+
+    def _next(self) -> tuple[Path, Path] | None:
+        with self._lock:
+            return None if self._is_stopped else next(self._files, None)
+
+    def _running(self, worker: _MeshWorker | None) -> _MeshWorker:
+        """The same worker, or another one if that was lost."""
+        if worker is not None and not worker.is_lost:
+            return worker
+        with self._lock:
+            if worker is not None:
+                worker.stop()
+                self._workers.discard(worker)
+                if self._is_stopped:
+                    return worker
+            worker = _MeshWorker()
+            self._workers.add(worker)
+        return worker
+
+    def _import(
+        self, worker: _MeshWorker, path: Path, cache_file: Path, hull_reason: str
+    ) -> tuple[_Result | None, str]:
+        """Imports one file.
+
+        If the worker crashes or times out, the file is retried without convex decomposition: there is no result then,
+        but a reason, which the cached import states.
+        """
+        # A name of its own: another process may import the same file at the same time.
+        out = cache_file.with_name(f".{uuid4().hex}.part.npz")
+        parts = self._decompose and not hull_reason
+        result = worker.read(
+            path, out, decompose=parts, hull_reason=hull_reason, keep_axes=self._keep_axes, timeout_s=self._timeout_s
+        )
+        if worker.is_lost and parts:
+            again = f"remove {cache_file} to try it again"
+            return None, f"its convex decomposition failed: {result.reason}; {again}"
+        try:
+            if not result.reason:
+                out.replace(cache_file)
+            out.unlink(missing_ok=True)
+        except OSError as error:
+            result = _Result(_cache_problem(out.parent, error.strerror or str(error)), is_transient=True)
+        return result, hull_reason
 
 
 def _cache_problem(folder: Path, cause: str) -> str:
@@ -260,13 +335,12 @@ def _cache_problem(folder: Path, cause: str) -> str:
 
 
 class _MeshWorker:
-    """The worker process, as a context manager."""
+    """A worker process."""
 
     def __init__(self) -> None:
+        """Starts the process."""
         self.is_lost = False
         """Whether it has crashed or exceeded the time limit, and cannot be used again."""
-
-    def __enter__(self) -> _MeshWorker:
         # -P: modules in the working directory must not be imported
         command = [sys.executable, "-P", "-m", "mindstage.assets.mesh_worker"]
         self._process = subprocess.Popen(
@@ -274,9 +348,9 @@ class _MeshWorker:
         )
         self._answers: queue.Queue[str] = queue.Queue()
         threading.Thread(target=self._listen, name="mindstage-meshes", daemon=True).start()
-        return self
 
-    def __exit__(self, *_: object) -> None:
+    def stop(self) -> None:
+        """Ends the process, also while it reads a file."""
         self._process.kill()
         self._process.wait()
 

@@ -19,6 +19,7 @@ from mindstage.errors import without_surrogates
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.status import Status
 
     from mindstage.engines import SpawnNote, SpawnReport
     from mindstage.knowledge import KnowledgeBase
@@ -60,6 +61,7 @@ __all__ = [
     "reasons_json",
     "report_json",
     "shortcomings",
+    "show_mesh_progress",
     "step_with_progress",
     "warn",
 ]
@@ -127,8 +129,23 @@ def progress_spinner(text: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    with console(stderr=True).status(f"{text} …"):
-        yield
+    with console(stderr=True).status(f"{text} …") as status:
+        _spinners.append((status, text))
+        try:
+            yield
+        finally:
+            _spinners.pop()
+
+
+_spinners: list[tuple[Status, str]] = []
+"""The spinners that are shown, with their texts."""
+
+
+def show_mesh_progress(done: int, total: int) -> None:
+    """Shows beside the spinner how many mesh files are imported, of those that have to be."""
+    if _spinners:
+        status, text = _spinners[-1]
+        status.update(f"{text} … {done:,} of {total:,} mesh files")
 
 
 def print_json(value: object) -> None:

@@ -24,7 +24,7 @@ from mindstage.cli.options import (
     ShapeOptions,
     close_at_end,
 )
-from mindstage.cli.output import warn
+from mindstage.cli.output import show_mesh_progress, warn
 from mindstage.errors import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -118,7 +118,13 @@ def simulation_from_options(
     Raises:
         SourceParseError: one of the folders does not exist.
     """
-    return make_simulation(knowledge, engine, assets=options.asset_folders(), primitive_shapes=options.primitive_shapes)
+    return make_simulation(
+        knowledge,
+        engine,
+        assets=options.asset_folders(),
+        primitive_shapes=options.primitive_shapes,
+        mesh_progress=show_mesh_progress,
+    )
 
 
 def knowledge_base(

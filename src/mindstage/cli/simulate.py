@@ -58,6 +58,7 @@ from mindstage.cli.output import (
     reasons_json,
     report_json,
     shortcomings,
+    show_mesh_progress,
     step_with_progress,
 )
 from mindstage.cli.setup import (
@@ -146,7 +147,7 @@ def spawned_map(
         if not options.primitive_shapes:
             from mindstage.saving import mesh_assets
 
-            knowledge.use_meshes(mesh_assets(options.asset_folders(), knowledge).bounds)
+            knowledge.use_meshes(mesh_assets(options.asset_folders(), knowledge, progress=show_mesh_progress).bounds)
         world = knowledge.world(options.map_name)
     findings = findings_about(world, knowledge, strict=strict, options=options)
     with ExitStack() as stack:

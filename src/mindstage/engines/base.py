@@ -72,6 +72,9 @@ class Capability(StrEnum):
     """`joint_positions`."""
     STATISTICS = "statistics"
     """`stats`."""
+    KINEMATIC_VELOCITIES = "kinematic velocities"
+    """A kinematic body whose pose is set again and again has a velocity, and carries what lies on it. In an engine
+    without it each pose is a teleport, under which the load stays behind."""
     ACTUATORS = "actuators"
     """`SetActuators`, `set_commands` and `actuator_states`."""
 

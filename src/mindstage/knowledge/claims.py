@@ -35,7 +35,8 @@ class ClaimKind(StrEnum):
     NO_NARROWER_RESTRICTION = "no narrower restriction"
     """As before, of a class that is `object` or a subclass of it."""
     NO_STATED_RESTRICTION = "no stated restriction"
-    """Neither `subject` nor a superclass of it has a restriction of any type on `property` with the filler `object`."""
+    """Neither `subject` nor a superclass of it has a restriction of any type on `property` with the filler `object`;
+    `detail` "inverse" means those on the inverse of the property only, "forward" the others."""
     RESTRICTION = "restriction"
     """`subject` or a superclass of it has a restriction on `property` whose filler names `object`."""
     NOT_PART = "not a part"

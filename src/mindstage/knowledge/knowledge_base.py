@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import atexit
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import chain
@@ -50,7 +50,7 @@ from mindstage.rdf.graphs import (
     node_to_look_up,
 )
 from mindstage.rdf.taxonomy import ClassHierarchy
-from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, SUBCLASS_OF, TYPE, xsd
+from mindstage.rdf.vocabulary import DESCRIBED_IN_MAP, EQUIVALENT_CLASS, OWL, OWL_CLASS, SUBCLASS_OF, TYPE, xsd
 from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
 from mindstage.scene.display import counted
 
@@ -889,6 +889,7 @@ class KnowledgeBase:
         self, map: Iri, *, report: FindingSink | None = None, assume: AssumptionSink | None = None
     ) -> World:
         """Reads a map; findings and assumptions are added to those of this knowledge base, unless there are sinks."""
+        from mindstage.knowledge.map_checks import report_implausible
         from mindstage.knowledge.portable_bodies import with_portable_bodies
         from mindstage.maps.dialects.detection import read_world  # many questions need no world
 
@@ -896,7 +897,13 @@ class KnowledgeBase:
             source_map = self._source_map(map)
             report, assume = report or source_map.report, assume or source_map.add_assumption
             source_map = replace(source_map, report=report, add_assumption=assume)
-            return with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
+            world = with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
+            report_implausible(world, source_map, self._declared_classes)
+            return world
+
+    def _declared_classes(self) -> Iterator[Iri]:
+        quads = self._store.quads_for_pattern(None, ox.NamedNode(TYPE), ox.NamedNode(OWL_CLASS))
+        return (Iri(quad.subject.value) for quad in quads if isinstance(quad.subject, ox.NamedNode))
 
     def _cached_world(self, map: Iri) -> World:
         """The world of a map from the cache, or else read and written there."""

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from colorsys import hls_to_rgb
 from dataclasses import dataclass
 from enum import StrEnum
@@ -59,6 +59,7 @@ __all__ = [
     "ShapeRule",
     "ShapeRuleResolver",
     "default_material",
+    "joined_words",
     "name_suffixes",
     "name_tokens",
     "singular_forms",
@@ -160,6 +161,17 @@ def name_suffixes(words: tuple[str, ...]) -> Iterator[str]:
         yield from singular_forms(" ".join(words[start:]))
     for word in reversed(words[:-1]):
         yield from singular_forms(word)
+
+
+def joined_words(words: tuple[str, ...], known: Container[str]) -> tuple[str, ...]:
+    """Joins neighboring words that are one word, so that none is looked up alone: a dish washer is no dish."""
+    for length in range(len(words), 1, -1):
+        for start in range(len(words) - length + 1):
+            run = words[start : start + length]
+            for text in ("".join(run), " ".join(run)):
+                if any(form in known for form in singular_forms(text)):
+                    return (*joined_words(words[:start], known), text, *joined_words(words[start + length :], known))
+    return words
 
 
 def singular_forms(word: str) -> tuple[str, ...]:
@@ -565,7 +577,7 @@ class ShapeRuleResolver:
         if annotated is not None:
             reason = "" if annotated == cls else f"it is a {_short_name(annotated)}"
             return mountings[annotated], reason, False
-        words = name_tokens(cls)
+        words = joined_words(name_tokens(cls), self._words_for_mountings)
         endings = {word for start in range(len(words)) for word in singular_forms(" ".join(words[start:]))}
         for word in name_suffixes(words):
             named, annotated = self._words_for_mountings.get(word, (None, None))
@@ -624,7 +636,7 @@ class ShapeRuleResolver:
         return next(
             (
                 (word, self._words_for_classes[word])
-                for word in name_suffixes(name_tokens(cls))
+                for word in name_suffixes(joined_words(name_tokens(cls), self._words_for_classes))
                 if word in self._words_for_classes
             ),
             None,

@@ -618,6 +618,31 @@ not_here([tf_lookup_transform/3, tf_listener_start/0, transform_pose_prolog/4],
 not_here([jpl_load_library/0, json_prolog_init/0, ros_init/0],
          "no Java and no ROS node runs in the process; `mindstage serve` serves ROS clients").
 not_here([visualisation_canvas/1, camera_pose/2], "the option `--viewer` shows the world in the browser").
+not_here([visualisation_canvas/0, clear_canvas/0],
+         "the option `--viewer` shows the world in the browser; unhighlight/0 removes the highlights").
+not_here([add_object/1, add_object/2, add_objects/1, add_object_with_children/1, add_object_with_children/2,
+          update_object/1, update_object_with_children/1],
+         "the page shows all bodies of a spawned map, where they are; show/1 highlights some").
+not_here([marker_update/0, marker_update/1, marker_update/2, marker_publish/0, marker_touch/1],
+         "markers and bodies are shown as soon as they exist; \c
+          show/1 highlights an object, marker(object(Object), Marker) adds a copy of it").
+not_here([marker_highlight/1, marker_highlight/2, highlight_object/1, highlight_object/2,
+          highlight_object_with_children/1],
+         "highlight/1 and highlight/2 color individuals, or a list of them").
+not_here([marker_highlight_remove/1, marker_highlight_remove/0, reset_highlighting/0],
+         "unhighlight/0 removes all highlights").
+not_here([remove_object/1, remove_object_with_children/1, marker_hide/1, marker_show/1, u_marker_remove_all/0],
+         "marker_remove/1 removes a marker; the page's list of bodies hides and shows them").
+not_here([add_text/1, add_text/3, marker_text/2],
+         "marker(text(Id, Text), Marker) shows a text, and marker_pose/2 places it").
+not_here([add_trajectory/4, add_trajectory/5, add_avg_trajectory/5],
+         "the question trajectory/5 has the poses; the page shows the path of a selected body of an episode").
+not_here([camera_transform/1], "the page and `mindstage shot --from X,Y,Z --to X,Y,Z` have a camera").
+not_here([sem_map_inst/1], "everything_in_map/2 has the maps, and what is in them").
+not_here([connect_to_db/1, u_load_episodes/1, ep_inst/1],
+         "no MongoDB is used; the option `--episode FILE` loads an episode").
+not_here([u_occurs/4], "occurs/2 has the events of the episode of `--episode`, with their times").
+not_here([belief_parse/1], "spawn_semantic_map/1 spawns a map that owl_parse/1 has loaded").
 not_here([classifier_trained/4, classify_instances/3, best_location_dtree/2],
          "no classifier (Weka) is part of Mindstage; storagePlaceFor/2 answers from the ontology").
 not_here([rdf_wup_similarity/3, best_location_maxMaxWup/2, best_location_maxMaxWup/3],

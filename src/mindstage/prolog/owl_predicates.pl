@@ -119,10 +119,13 @@ satisfies(all_values_from(Class), Resource) :- !, is_of(Resource, Class).
 satisfies(some_values_from(_), _) :- !.
 satisfies(has_value(Value), Value) :- !.
 satisfies(restriction(Property, Condition), Resource) :- !,
-    ( var(Resource) -> distinct(Resource, rdf_has(Resource, Property, _)) ; true ),
-    findall(Value, owl_has(Resource, Property, Value), Values),
+    ( var(Resource) -> distinct(Resource, has_value(Property, Resource, _)) ; true ),
+    findall(Value, has_value(Property, Resource, Value), Values),
     fulfills(Condition, Values).
 satisfies(Class, Resource) :- atom(Class), is_of(Resource, Class).
+
+has_value(inverse_of(Property), Resource, Value) :- !, owl_has(Value, Property, Resource).
+has_value(Property, Resource, Value) :- owl_has(Resource, Property, Value).
 
 is_of(Resource, Class) :-
     (   nonvar(Resource), Resource = individual_of(Own)
@@ -140,6 +143,7 @@ fulfills(cardinality(Least, Most), Values) :-
     ( Most == inf -> true ; Number =< Most ).
 
 % class_properties(?Class, ?Property, ?Value): what some_values_from and has_value restrictions require, inherited or not.
+% Property is inverse_of(P) for restrictions on the inverse of P.
 class_properties(Class, Property, Value) :- distinct(Class-Property-Value, class_property(Class, Property, Value)).
 
 class_property(Class, Property, Value) :- class_properties_some(Class, Property, Value).
@@ -161,7 +165,13 @@ class_property(Condition, Class, Property, Given) :-
 % direct_restriction(+Class, ?Property, ?Condition): of the property or of a subproperty, inherited or not.
 direct_restriction(Class, Property, Condition) :-
     class_restriction(Class, restriction(Restricted, Condition)),
-    ( var(Property) -> Property = Restricted ; once(superproperty(Restricted, Property)) ).
+    restricts(Restricted, Property).
+
+% restricts(+Restricted, ?Property): an unbound property is the restricted one, as written; inverse_of(P) has those of the
+% inverses of P and of its subproperties.
+restricts(Restricted, Property) :- var(Property), !, Property = Restricted.
+restricts(inverse_of(Restricted), inverse_of(Property)) :- !, restricts(Restricted, Property).
+restricts(Restricted, Property) :- atom(Restricted), atom(Property), once(superproperty(Restricted, Property)).
 
 class_restriction(Class, Restriction) :-
     ( mirrored -> true ; true ),

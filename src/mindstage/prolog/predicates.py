@@ -389,6 +389,8 @@ def _color(value: Value) -> Color | None:
 _GRAPH_PREFIX = "urn:graph:"
 _THING = Iri(OWL + "Thing")
 _VOCABULARY_NAMESPACES = (OWL, RDFS, RDF)
+_INVERSE_OF = "inverse_of"
+"""The functor of the inverse of a property, as in `rdf_has/4`."""
 """Namespaces of the vocabulary of ontologies, whose classes have no members in the index."""
 
 
@@ -575,11 +577,16 @@ class RdfPredicates:
         ]
 
     def class_properties(self, cls: Value, property: Value) -> Value:
-        """Values that restrictions guarantee for members of a class, inherited ones included, nearest first."""
-        index = self._knowledge.reasoner
+        """Values that restrictions guarantee for members of a class, inherited ones included, nearest first.
+
+        A property is `inverse_of(P)` where the restriction is on the inverse of P.
+        """
+        index, inverse = self._knowledge.reasoner, None if property is FREE else False
+        if isinstance(property, Compound) and property.name == _INVERSE_OF and len(property.arguments) == 1:
+            inverse, property = True, property.arguments[0]
         one, wanted = self._name(cls, EntityType.CLASS), self._name(property, EntityType.PROPERTY)
         below = {lower for owner in index.restricted_classes() for lower in index.classes.below(owner)}
-        rows: dict[tuple[Iri, Iri, Expression], None] = {}
+        rows: dict[tuple[Iri, Value, Expression], None] = {}
         for each in [one] if one else sorted(below):
             for owned in index.restrictions(each):
                 restriction = owned.restriction
@@ -589,11 +596,11 @@ class RdfPredicates:
                 ):
                     continue
                 is_wanted = not wanted or wanted in index.properties.super_properties(restriction.property)
-                if restriction.filler and is_wanted:
-                    rows[each, restriction.property, restriction.filler] = None
+                if restriction.filler and is_wanted and inverse in (None, restriction.inverse):
+                    rows[each, FREE if wanted else _property_term(restriction), restriction.filler] = None
         return [
-            [FREE if one else Atom(owner), FREE if wanted else Atom(property_iri), _expression_term(filler)]
-            for owner, property_iri, filler in rows
+            [FREE if one else Atom(owner), property_term, _expression_term(filler)]
+            for owner, property_term, filler in rows
         ]
 
     def _name(self, value: Value, kind: EntityType) -> Iri | None:
@@ -714,10 +721,13 @@ def _restriction_term(restriction: Restriction) -> Compound:
         RestrictionType.MAX_CARDINALITY: ("cardinality", (0, count)),
     }
     condition = Compound(*conditions.get(restriction.restriction_type, ("cardinality", (count, count))))
+    return Compound("restriction", (_property_term(restriction), condition))
+
+
+def _property_term(restriction: Restriction) -> Value:
+    """The property of a restriction; `inverse_of(P)` for one on the inverse of P."""
     property = Atom(restriction.property)
-    return Compound(
-        "restriction", (Compound("inverse_of", (property,)) if restriction.inverse else property, condition)
-    )
+    return Compound(_INVERSE_OF, (property,)) if restriction.inverse else property
 
 
 def _description_term(expression: Expression | None) -> Value:
@@ -747,8 +757,8 @@ def _expression_term(expression: Expression) -> Value:
             return Compound("union_of", ([_expression_term(each) for each in members],))
         case IntersectionOf(members):
             return Compound("intersection_of", ([_expression_term(each) for each in members],))
-        case Restriction(property, kind, filler):
-            inner = (Atom(property), Atom(kind.value), None if filler is None else _expression_term(filler))
-            return Compound("restriction", inner)
+        case Restriction(_, kind, filler):
+            value = None if filler is None else _expression_term(filler)
+            return Compound("restriction", (_property_term(expression), Atom(kind.value), value))
         case _:
             return None

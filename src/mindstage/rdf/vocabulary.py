@@ -47,6 +47,8 @@ __all__ = [
     "DATATYPE_PROPERTY",
     "DESCRIBED_IN_MAP",
     "DIALECT",
+    "DOOR_HINGED_TO",
+    "DOOR_HINGED_WITH",
     "DUL",
     "END_LINK_NAME",
     "EQUIVALENT_CLASS",
@@ -233,6 +235,8 @@ JOINT_VALUES = (knowrob("minJointValue"), knowrob("maxJointValue"))
 
 HINGED_TO, PRISMATICALLY_CONNECTED_TO = knowrob("hingedTo"), knowrob("prismaticallyConnectedTo")
 _RIGID = (knowrob("rigidlyFixedParts"), knowrob("connectedTo-Rigidly"), knowrob("connectedToRigidly"))
+DOOR_HINGED_TO, DOOR_HINGED_WITH = knowrob("doorHingedTo"), knowrob("doorHingedWith")
+"""From a door to its casing, and to its joint."""
 CONNECTIONS = (*_RIGID, HINGED_TO, PRISMATICALLY_CONNECTED_TO)
 """The properties between two connected objects; either of them may have the property."""
 

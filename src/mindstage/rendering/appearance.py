@@ -22,7 +22,10 @@ from numpy.typing import NDArray
 from mindstage.assets import gltf
 from mindstage.assets.cache import cached_glb
 from mindstage.assets.gltf import GltfWriter
+from mindstage.geometry.orientation import CLOSING_SHAPES, HANDLE_SHAPES
 from mindstage.knowledge.shape_rules import ShapeRule, name_tokens, singular_forms
+from mindstage.rdf.graphs import local_name
+from mindstage.rdf.vocabulary import URDF_LINK
 from mindstage.scene import (
     AttachedLight,
     Body,
@@ -31,7 +34,9 @@ from mindstage.scene import (
     CollisionShape,
     CollisionShapeType,
     Color,
+    GeometrySource,
     Iri,
+    Mobility,
     PbrMaterial,
     PrimitiveType,
     Vector,
@@ -40,9 +45,10 @@ from mindstage.scene import (
 )
 from mindstage.scene.geometry import NO_GEOMETRY, GeometryMap
 from mindstage.scene.mesh import TriangleMesh, box, convex_hull, cylinder, face_cross_products, sphere
-from mindstage.scene.transforms import normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
+from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_array, quat_rotate, rotation_matrix
 from mindstage.textures.catalog import texture_info
 from mindstage.textures.images import TextureMap, TextureUri
+from mindstage.textures.prints import name_label
 
 __all__ = [
     "ASSUMED_SIZE_M",
@@ -212,13 +218,28 @@ def dimmed(paint: Paint, *, as_occluder: bool = False) -> Paint:
     return Paint((red, green, blue), min(paint.opacity, OCCLUDER_OPACITY) if as_occluder else paint.opacity)
 
 
-ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
-"""Size at which a body of unknown size is drawn [m]."""
+ASSUMED_SIZE_M: Vector = (0.04, 0.04, 0.04)
+"""Size of the marker of a body without a size [m]."""
+_SCHEMATIC = PbrMaterial(color=(0.52, 0.56, 0.61), roughness=0.6, opacity=0.4)
+"""The material of a box that stands for a body of an unknown class."""
+_LABEL = PbrMaterial(color=(1.0, 1.0, 1.0), roughness=0.9)
+_LABEL_SHARE, _LABEL_ASPECT = 0.8, 2.0
+"""The part of the width of a side that a label covers, and its width by its height."""
+_LABEL_GAP_M = 1e-3
+_MIN_LABEL_M, _MAX_LABEL_M = 0.01, 0.3
+_LABELED_SIDES = ((1, 0, 1, 2), (-1, 0, 1, 2), (1, 1, 0, 2), (-1, 1, 0, 2), (1, 2, 0, 1))
+"""The direction and the axis of each side with a label, and the axes of its width and height."""
 _MAX_FURNITURE_M = 2.5
 """Smallest extent above which a body encloses the scene: no furniture is larger along all three axes."""
 _MAX_THIN_RATIO = 0.35
 """Maximum ratio of the smallest to the second smallest extent of a thin body."""
 _MIN_PANEL_M = 0.15
+_MAX_MOUNTED_M = 0.15
+"""Maximum thickness of what is flat against a wall."""
+_MAX_UPRIGHT_SINE = 0.3
+"""Maximum sine of the slope of the normal of what is upright."""
+_OPERATED_SHAPES = frozenset((*CLOSING_SHAPES, *HANDLE_SHAPES))
+"""Shapes of what is mounted on furniture, which the map may lack."""
 _MIN_FACING_COSINE = 0.9
 """Minimum cosine between the normals of a triangle and the side that it faces."""
 _SOLID_OPACITY = 0.6
@@ -257,6 +278,8 @@ class BodyAppearance:
     """Equal for bodies that are drawn alike."""
     size: Vector
     part: VisiblePart = VisiblePart.WHOLE
+    is_schematic: bool = field(default=False, compare=False)
+    """Whether a labeled translucent box stands for the body, since the shape of its class is not known."""
     is_building: bool = False
     """Whether the body is part of the building: walls, floors, ceilings, doors in walls."""
     is_floor: bool = False
@@ -268,6 +291,10 @@ class BodyAppearance:
     """The meshes of the whole body."""
     side: Side | None = field(default=None, compare=False)
     """The side that faces the room, of a body of which only the interior is drawn."""
+    mounted_axis: int | None = field(default=None, compare=False)
+    """The axis across which a fixed body is flat, if it can be mounted on a wall or a ceiling; None for others."""
+    is_hung: bool = field(default=False, compare=False)
+    """Whether such a body is stated to be static: a part of the place that hangs where it does not stand."""
     lights: tuple[AttachedLight, ...] = field(default=(), compare=False, repr=False)
     color: Color = field(default=(0.8, 0.8, 0.8), compare=False)
     """The mean color."""
@@ -337,7 +364,11 @@ class _AppearanceSolver:
         self.is_object = ~self.is_shell & ~self.is_building
         heights = self.center[self.is_object & ~self.is_lamp, 2]
         self.overhead_height = float(np.quantile(heights, 0.9)) if heights.size else np.inf
+        tops = self.center[:, 2] + np.einsum("ni,ni->n", np.abs(self.rotation[:, 2]), self.half)
+        tops = tops[self.is_object & ~self.is_lamp]
+        self.furniture_top = float(np.quantile(tops, 0.9)) if tops.size else np.inf
         self.roots = self._roots({link.child: link.parent for link in world.attachments})
+        self.moving = {self.rows[joint.child] for joint in world.joints if joint.child in self.rows}
         self.mean_colors: dict[str, Color] = {}
         """The mean colors by the key of the appearance."""
         self.wall_door_roots = set(self._doors_in_walls([(joint.parent, joint.child) for joint in world.joints]))
@@ -353,23 +384,28 @@ class _AppearanceSolver:
             return BodyAppearance(
                 key=f"outline of {size}", size=size, part=VisiblePart.OUTLINE, is_building=True, is_floor=floor
             )
-        key, visuals, lights = self._visuals(body, size)
+        schematic = not building and self._is_schematic(body)
+        key, visuals, lights = _schematic_visuals(body) if schematic else self._visuals(body, size)
         part, whole = VisiblePart.WHOLE, visuals
         if (side := self._single_side(row)) is not None:
             key, part = f"{key} from {side}", VisiblePart.INTERIOR
             visuals = tuple(_triangles_facing(visuals, side))
+        mounted = None if building or not self.moving.isdisjoint((row, self.roots[row])) else self._mounted_axis(row)
         if key not in self.mean_colors:
             self.mean_colors[key] = mean_color(visuals)
         return BodyAppearance(
             key=key,
             size=size,
             part=part,
+            is_schematic=schematic,
             is_building=building,
             is_floor=floor,
             is_doorway=bool(self.is_door[row]) and self._is_tall_panel(row),
             visuals=visuals,
             whole_visuals=whole,
             side=side,
+            mounted_axis=mounted,
+            is_hung=mounted is not None and body.physics.mobility is Mobility.STATIC,
             lights=lights,
             color=self.mean_colors[key],
             is_opaque=min((visual.material.opacity for visual in visuals), default=0.0) > _SOLID_OPACITY,
@@ -390,8 +426,14 @@ class _AppearanceSolver:
                 tuple(_collision_visual(shape, material) for shape in geometry.collision_shapes),
                 geometry.lights,
             )
-        kind = body.shape.type if body.shape else PrimitiveType.BOX
+        kind = body.shape.type if body.shape else PrimitiveType.BOX if body.size else PrimitiveType.SPHERE
         return f"{kind} {size} {material}", (_primitive_visual(PrimitiveType(kind), size, material),), ()
+
+    def _is_schematic(self, body: Body) -> bool:
+        """Whether neither the map nor an ontology gives the shape of a body, but a size."""
+        rule, geometry = self.rules[body.cls], self.geometry.get(body.id)
+        is_known = rule.source is not GeometrySource.MAP or body.cls == URDF_LINK or body.shape is not None
+        return body.size is not None and not is_known and (geometry is None or geometry.source is GeometrySource.MAP)
 
     # -- bodies that would block the view ------------------------------------------------------------------------------
 
@@ -412,6 +454,17 @@ class _AppearanceSolver:
         if self.is_lamp[row] and self.center[row, 2] > self.overhead_height:
             return self._bottom_side(row)
         return None
+
+    def _mounted_axis(self, row: int) -> int | None:
+        """The axis across which a body is flat, if it is fixed and upright, or above the furniture."""
+        thinnest, next_thinnest = np.sort(self.half[row])[:2]
+        is_flat = thinnest < min(_MAX_THIN_RATIO * next_thinnest, _MAX_MOUNTED_M / 2)
+        shape = self.rules[self.bodies[row].cls].shape_type
+        if not is_flat or self.bodies[row].physics.is_dynamic or shape in _OPERATED_SHAPES:
+            return None
+        axis = int(np.argmin(self.half[row]))
+        is_upright = abs(float(self.rotation[row][2, axis])) < _MAX_UPRIGHT_SINE
+        return axis if is_upright or self.center[row, 2] > self.furniture_top else None
 
     def _is_tall_panel(self, row: int) -> bool:
         height = 2 * float(np.abs(self.rotation[row][2]) @ self.half[row])
@@ -507,6 +560,45 @@ def _collision_visual(shape: CollisionShape, material: PbrMaterial) -> VisualMes
         material,
         quat_rotate(pose[3:], primitive.normals),
     )
+
+
+def _schematic_visuals(body: Body) -> tuple[str, tuple[VisualMesh, ...], tuple[AttachedLight, ...]]:
+    """The key and visual meshes of a translucent box with the class of a body on five of its sides."""
+    size, name = body.size or ASSUMED_SIZE_M, local_name(body.cls)
+    material = _SCHEMATIC if body.color is None else replace(_SCHEMATIC, color=body.color)
+    return f"{name} {size} {material}", (_primitive_visual(PrimitiveType.BOX, size, material), *_labels(size, name)), ()
+
+
+@lru_cache(maxsize=1024)
+def _labels(size: Vector, name: str) -> tuple[VisualMesh, ...]:
+    """The labels on the sides of a box, one mesh for each axis."""
+    found: dict[tuple[int, float], list[Array]] = {}
+    for sign, normal, right, up in _LABELED_SIDES:
+        width = min(_LABEL_SHARE * size[right], _MAX_LABEL_M)
+        height = min(_LABEL_SHARE * size[up], width / _LABEL_ASPECT)
+        if min(width, height) < _MIN_LABEL_M:
+            continue
+        corner = np.zeros((4, 3))
+        corner[:, normal] = sign * (size[normal] / 2 + _LABEL_GAP_M)
+        # Seen from outside, the text runs to the right.
+        direction = sign if (right - normal) % 3 == 1 else -sign
+        corner[:, right] = direction * width * (_UNIT_SQUARE[:, 0] - 0.5)
+        corner[:, up] = height * (_UNIT_SQUARE[:, 1] - 0.5)
+        found.setdefault((normal, round(width / height, 2)), []).append(corner)
+    return tuple(
+        VisualMesh(
+            np.concatenate(corners),
+            np.concatenate([_SQUARE_FACES + np.uint32(4 * number) for number in range(len(corners))]),
+            _LABEL,
+            uv=np.tile(_UNIT_SQUARE, (len(corners), 1)),
+            image=name_label(name, aspect),
+        )
+        for (_, aspect), corners in found.items()
+    )
+
+
+_UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+_SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
 
 
 @lru_cache(maxsize=4096)

@@ -1,13 +1,13 @@
 """What a picture shows: bodies with their meshes and poses, lights, ground, labels and a camera, for any renderer.
 
-Bodies between the camera and the room are left out: walls and ceilings that turn their back to the camera, and whatever
-only they hold, such as the latch of a door in a wall, a poster, a lamp, a wall cabinet with its contents. Highlighted
-and selected bodies are never left out.
+Bodies between the camera and the room are left out: walls and ceilings that turn their back to the camera, what is flat
+against them, and whatever only they hold, such as the latch of a door in a wall, a lamp, a wall cabinet with its
+contents. So are windows, posters and lamps where the map has no wall. What is highlighted or selected stays.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Protocol
 
 import msgspec
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mindstage.knowledge.shape_rules import ShapeRule
 from mindstage.rendering.appearance import BodyAppearance, VisiblePart, compute_appearance
-from mindstage.rendering.camera import CameraPose, corners, ground_height, initial_target
+from mindstage.rendering.camera import CameraPose, ground_height, initial_target
 from mindstage.scene import (
     AttachedLight,
     BodyId,
@@ -29,6 +29,7 @@ from mindstage.scene import (
     VisualMesh,
     World,
 )
+from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, connected_groups, overlapping_pairs
 from mindstage.scene.geometry import GeometryMap
 from mindstage.scene.transforms import (
     Array,
@@ -55,8 +56,10 @@ __all__ = [
 _DOWN_COSINE = 0.7
 _WALL_GAP_M = 0.1
 """Largest gap between a wall and what is mounted on it [m]."""
-_MAX_FRAME_RATIO = 1.5
-"""Largest ratio of the extents of a frame to those of its poster."""
+_PARALLEL_COSINE = 0.95
+"""Least cosine between the normals of a wall and of what is flat against it."""
+_LEAST_CARRIER = 0.5
+"""Least ratio of the largest extents of what carries a body to that of the body."""
 _CONTACT_M = 0.03
 """Largest gap between bodies that hold each other [m]."""
 
@@ -90,7 +93,7 @@ class RenderItem(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     is_building: bool = False
     """Whether it is part of the building: a wall, a floor, a ceiling, a door in a wall."""
     casts_shadow: bool = True
-    """Whether it casts shadows; False for ceilings, which would keep the daylight out."""
+    """Whether it casts shadows; False for ceilings, which would keep the daylight out, and for schematic boxes."""
     is_marker: bool = False
     """Whether it is no body but a visualization marker, which keeps its color and opacity beside highlighted bodies."""
 
@@ -204,7 +207,7 @@ def render_scene(
             highlight=colors.get(body.id),
             shown=body.id not in culled and drawn[body.id].part is not VisiblePart.OUTLINE,
             is_building=drawn[body.id].is_building,
-            casts_shadow=not _is_overhead(drawn[body.id], row),
+            casts_shadow=not drawn[body.id].is_schematic and not _is_overhead(drawn[body.id], row),
         )
         for body, row in zip(bodies, rows, strict=True)
     )
@@ -263,7 +266,10 @@ def find_culled(
     poses: Mapping[BodyId, Pose] | None = None,
     kept: Collection[BodyId] = (),
 ) -> frozenset[BodyId]:
-    """Finds the walls and ceilings that turn their back to the camera, and the bodies that only they hold.
+    """Finds the walls and ceilings that turn their back to the camera, and the bodies that nothing drawn holds.
+
+    These are what is flat against such a wall, windows, posters and lamps whose wall is not drawn or not in the map,
+    and whatever only they hold.
 
     Args:
         world: the world, with the poses of its description.
@@ -276,105 +282,148 @@ def find_culled(
     if not bodies:
         return frozenset()
     rows = {body.id: row for row, body in enumerate(bodies)}
-    drawn = [appearances[body.id] for body in bodies]
     current = poses or {}
-    boxes = pose_array(current.get(body.id, body.pose) for body in bodies)
-    rotations = rotation_matrix(normalize(boxes[:, 3:]))
-    culled = np.zeros(len(bodies), dtype=bool)
-    for row, each in enumerate(drawn):
-        if each.side is not None:
-            axis, direction = each.side
-            culled[row] = float((np.array(eye) - boxes[row, :3]) @ rotations[row][:, axis]) * direction < 0.0
+    placed = pose_array(current.get(body.id, body.pose) for body in bodies)
+    placed[:, 3:] = normalize(placed[:, 3:])
     links = [(link.child, link.parent) for link in world.attachments]
     links += [(joint.child, joint.parent) for joint in world.joints]
-    pairs = [(rows[one], rows[other]) for one, other in links if one in rows and other in rows]
-    box_corners = corners(boxes, np.array([each.size for each in drawn], dtype=float)).reshape(-1, 8, 3)
-    outlines = np.array([each.part is VisiblePart.OUTLINE for each in drawn], dtype=bool)
-    is_anchor = (np.array([each.is_building for each in drawn], dtype=bool) | outlines) & ~culled
+    linked = np.array([(rows[one], rows[other]) for one, other in links if one in rows and other in rows], np.intp)
     # The latch of a door in a wall is a part of the building too, but holds nothing.
-    is_anchor[[rows[link.child] for link in world.attachments if link.child in rows]] = False
-    low, high = box_corners.min(axis=1), box_corners.max(axis=1)
-    hung = [row for row, each in enumerate(drawn) if each.side is not None and not each.is_building]
-    culled |= _without_wall(hung, is_anchor & ~outlines, low, high)
-    floors = np.array([each.is_floor for each in drawn], dtype=bool)
-    in_walls = np.array([each.is_doorway for each in drawn], dtype=bool)
-    # A pillar that is joined to such a wall is a part of it.
-    in_walls[
-        [one for pair in pairs for one, other in (pair, pair[::-1]) if outlines[other] and drawn[one].is_building]
-    ] = True
-    in_walls &= ~culled & ~outlines & ~floors
-    culled |= _in_outline(in_walls, outlines, ~culled & ~outlines & ~floors & ~in_walls, low, high)
-    falling = _held_only_by(culled, is_anchor, low, high, pairs)
+    parts = [rows[link.child] for link in world.attachments if link.child in rows]
+    solver = _CullingSolver([appearances[body.id] for body in bodies], placed, linked.reshape(-1, 2), parts)
+    culled = solver.culled(np.array(eye))
     keep = [rows[id] for id in kept if id in rows]
-    return frozenset(bodies[row].id for row in np.flatnonzero(culled | falling) if row not in keep)
+    return frozenset(bodies[row].id for row in np.flatnonzero(culled) if row not in keep)
 
 
-def _without_wall(hung: Iterable[int], walls: NDArray[np.bool_], low: Array, high: Array) -> NDArray[np.bool_]:
-    """Which of the posters, windows and lamps touch no drawn wall: theirs is an outline, or is missing in the map."""
-    found = np.zeros(len(walls), dtype=bool)
-    for row in hung:
-        touching = np.all((low <= high[row] + _WALL_GAP_M) & (high >= low[row] - _WALL_GAP_M), axis=1) & walls
-        touching[row] = False
-        if not touching.any():
-            # The frame of a poster is at the same place.
-            shift = np.abs((low + high) / 2 - (low[row] + high[row]) / 2).max(axis=1)
-            larger = (high - low).max(axis=1) > _MAX_FRAME_RATIO * (high[row] - low[row]).max()
-            found |= (shift < _WALL_GAP_M) & ~larger & ~walls
-    return found
+class _CullingSolver:
+    """Finds the bodies that are not drawn; masks have one value per body."""
 
+    def __init__(
+        self, drawn: Sequence[BodyAppearance], poses: Array, links: NDArray[np.intp], parts: list[int]
+    ) -> None:
+        """Finds what touches what.
 
-def _in_outline(
-    in_walls: NDArray[np.bool_], outlines: NDArray[np.bool_], others: NDArray[np.bool_], low: Array, high: Array
-) -> NDArray[np.bool_]:
-    """Which doors, door frames and pillars are in a wall that is drawn as an outline, and touch nothing else."""
-    found = np.zeros(len(in_walls), dtype=bool)
-    for row in np.flatnonzero(in_walls):
-        touching = np.all((low <= high[row] + _CONTACT_M) & (high >= low[row] - _CONTACT_M), axis=1)
-        found[row] = bool((touching & outlines).any()) and not (touching & others).any()
-    return found
+        Args:
+            drawn: how the bodies are drawn.
+            poses: with unit quaternions, n x 7.
+            links: the rows of bodies that are attached or joined, m x 2.
+            parts: the rows of bodies that are attached to others.
+        """
+        self.drawn, self.links = drawn, links
+        self.sizes = np.array([each.size for each in drawn], dtype=float)
+        self.boxes = OrientedBoxes.from_poses(poses, self.sizes)
+        self.low, self.high = self.boxes.bounds()
+        self.outlines = self._mask(each.part is VisiblePart.OUTLINE for each in drawn)
+        self.building = self._mask(each.is_building for each in drawn)
+        self.floors = self._mask(each.is_floor for each in drawn)
+        self.is_part = np.zeros(len(drawn), dtype=bool)
+        self.is_part[parts] = True
+        self.is_hung = self._mask(each.side is not None for each in drawn) & ~self.building
+        self.is_flat = self._mask(each.mounted_axis is not None for each in drawn)
+        self.is_hung_by_shape = self._mask(each.is_hung for each in drawn) & ~self.is_hung
+        self.a, self.b = self._near_pairs()
 
+    def culled(self, eye: Array) -> NDArray[np.bool_]:
+        """The bodies that are not drawn from where a camera is."""
+        culled = self._turned_away(eye)
+        culled |= self._flat_against(culled & self.building)
+        # What is left of the building holds others.
+        anchors = (self.building | self.outlines) & ~culled & ~self.is_part
+        culled |= self._without_wall(culled, anchors & ~self.outlines & ~self.floors)
+        in_walls = self._mask(each.is_doorway for each in self.drawn)
+        # A pillar that is joined to such a wall is a part of it.
+        for one, other in ((0, 1), (1, 0)):
+            in_walls[self.links[self.outlines[self.links[:, other]] & self.building[self.links[:, one]], one]] = True
+        in_walls &= ~culled & ~self.outlines & ~self.floors
+        culled |= self._in_outline(in_walls, ~culled & ~self.outlines & ~self.floors & ~in_walls)
+        return culled | self._held_only_by(culled, anchors)
 
-def _held_only_by(
-    culled: NDArray[np.bool_],
-    is_anchor: NDArray[np.bool_],
-    low: Array,
-    high: Array,
-    links: Iterable[tuple[int, int]],
-) -> NDArray[np.bool_]:
-    """The bodies that are held by culled ones, and neither directly nor through others by the ground or an anchor.
+    def _mask(self, values: Iterable[bool]) -> NDArray[np.bool_]:
+        return np.fromiter(values, dtype=bool, count=len(self.drawn))
 
-    Args:
-        culled: the bodies that are left out.
-        is_anchor: the bodies of the building that are drawn; they hold others.
-        low: the lower corners of axis-aligned bounding boxes, n x 3 [m].
-        high: the upper corners.
-        links: pairs of bodies that are attached or joined.
-    """
-    standing = low[:, 2] < np.min(low[~culled, 2], initial=np.inf) + 2 * _CONTACT_M
-    linked: dict[int, set[int]] = {}
-    for one, other in links:
-        linked.setdefault(one, set()).add(other)
-        linked.setdefault(other, set()).add(one)
+    def _near_pairs(self) -> tuple[Indices, Indices]:
+        """The rows of bodies whose bounds are at most `_WALL_GAP_M` apart, each pair in both orders."""
+        everything = np.ones(len(self.drawn), dtype=bool)
+        found = list(overlapping_pairs(self.boxes, everything, everything, margin=(_WALL_GAP_M,) * 3))
+        a = np.concatenate([np.zeros(0, np.intp), *(one for one, _ in found)])
+        b = np.concatenate([np.zeros(0, np.intp), *(other for _, other in found)])
+        # What is in the middle of an outlined room is at none of its walls.
+        apart = self._is_inside(a, b) | self._is_inside(b, a)
+        a, b = a[~apart], b[~apart]
+        return np.concatenate([a, b]), np.concatenate([b, a])
 
-    def neighbors(row: int) -> NDArray[np.intp]:
-        touching = np.all((low <= high[row] + _CONTACT_M) & (high >= low[row] - _CONTACT_M), axis=1)
-        touching[list(linked.get(row, ()))] = True
-        return np.flatnonzero(touching & ~culled)
+    def _is_inside(self, inner: Indices, outer: Indices) -> NDArray[np.bool_]:
+        """Which bodies are inside of outlines, and do not touch them."""
+        distance = np.minimum(self.low[inner] - self.low[outer], self.high[outer] - self.high[inner])
+        return np.asarray(self.outlines[outer] & (distance > _CONTACT_M).all(axis=1))
 
-    falling, checked = np.zeros(len(culled), dtype=bool), np.zeros(len(culled), dtype=bool)
-    for wall in np.flatnonzero(culled):
-        for start in neighbors(int(wall)):
-            if checked[start] or is_anchor[start]:
-                continue
-            group, queue, held = {int(start)}, [int(start)], False
-            while queue and not held:
-                row = queue.pop()
-                held = bool(standing[row] or is_anchor[row])
-                found = [int(each) for each in neighbors(row) if int(each) not in group]
-                group.update(found)
-                queue += found
-            members = list(group)
-            checked[start] = True
-            if not held:
-                falling[members] = checked[members] = True
-    return falling
+    def _touching(self) -> NDArray[np.bool_]:
+        """Which of the near pairs are at most `_CONTACT_M` apart."""
+        gaps = np.maximum(self.low[self.a] - self.high[self.b], self.low[self.b] - self.high[self.a])
+        return np.asarray((gaps <= _CONTACT_M).all(axis=1))
+
+    def _any_near(self, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The bodies that are the first ones of some of the near pairs."""
+        found = np.zeros(len(self.drawn), dtype=bool)
+        found[self.a[near]] = True
+        return found
+
+    def _turned_away(self, eye: Array) -> NDArray[np.bool_]:
+        """The one-sided bodies of which the camera sees the back."""
+        found = np.zeros(len(self.drawn), dtype=bool)
+        for row, each in enumerate(self.drawn):
+            if each.side is not None:
+                axis, direction = each.side
+                found[row] = float((eye - self.boxes.center[row]) @ self.boxes.rotation[row][:, axis]) * direction < 0.0
+        return found
+
+    def _flat_against(self, walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The bodies that are flat against some of these walls and ceilings, also without an attachment."""
+        axes = np.array([each.mounted_axis or 0 for each in self.drawn], dtype=np.intp)
+        sides = np.array([0 if each.side is None else each.side[0] for each in self.drawn], dtype=np.intp)
+        chosen = self.is_flat[self.a] & walls[self.b]
+        flat, wall = self.a[chosen], self.b[chosen]
+        normal, of_wall = self.boxes.rotation[flat, :, axes[flat]], self.boxes.rotation[wall, :, sides[wall]]
+        found = np.zeros(len(self.drawn), dtype=bool)
+        found[flat[np.abs(np.einsum("ni,ni->n", normal, of_wall)) > _PARALLEL_COSINE]] = True
+        return found
+
+    def _without_wall(self, culled: NDArray[np.bool_], walls: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of the posters, windows and lamps touch no drawn wall: theirs is an outline, or is missing in the map.
+
+        What seems to be one by its shape may also stand on something, or touch what is large enough to carry it.
+        """
+        hung = self.is_hung | self.is_hung_by_shape
+        held = self._any_near(walls[self.b])
+        largest, carriers = self.sizes.max(axis=1), ~hung & ~culled & ~self.outlines
+        is_large = largest[self.b] > _LEAST_CARRIER * largest[self.a]
+        on_top = np.abs(self.low[self.a, 2] - self.high[self.b, 2]) < _CONTACT_M
+        carried = carriers[self.b] & is_large & (self.is_hung_by_shape[self.a] | on_top)
+        held |= self._any_near(carried & self._touching())
+        for one, other in (self.links.T, self.links[:, ::-1].T):
+            held[one[carriers[other]]] = True
+        held |= self.is_hung_by_shape & self._standing(culled)
+        # A poster and its frame are held together.
+        joined = hung[self.a] & hung[self.b] & self._touching()
+        groups = connected_groups(len(self.drawn), self.a[joined], self.b[joined])
+        return hung & ~np.isin(groups, groups[hung & held])
+
+    def _in_outline(self, in_walls: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which doors, door frames and pillars are in a wall that is drawn as an outline, and touch nothing else."""
+        touching = self._touching()
+        return in_walls & self._any_near(touching & self.outlines[self.b]) & ~self._any_near(touching & others[self.b])
+
+    def _standing(self, culled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The bodies that stand on the lowest level of what is drawn."""
+        return np.asarray(self.low[:, 2] < np.min(self.low[~culled, 2], initial=np.inf) + 2 * _CONTACT_M)
+
+    def _held_only_by(self, culled: NDArray[np.bool_], anchors: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The bodies that culled ones hold, and neither directly nor through others the ground or an anchor."""
+        touching = self._touching()
+        one = np.concatenate([self.a[touching], self.links[:, 0], self.links[:, 1]])
+        other = np.concatenate([self.b[touching], self.links[:, 1], self.links[:, 0]])
+        both = ~culled[one] & ~culled[other]
+        groups = connected_groups(len(self.drawn), one[both], other[both])
+        held = groups[(self._standing(culled) | anchors) & ~culled]
+        return ~culled & np.isin(groups, groups[one[~culled[one] & culled[other]]]) & ~np.isin(groups, held)

@@ -64,7 +64,9 @@ _STEP_CHUNK_S = 0.1
 """Length of the steps into which a goal is divided, so that other calls run in between [s]."""
 _SLICE_WALL_S = 0.02
 """Wall time after which a step is interrupted, so that other calls are executed [s]."""
-_REMOTE_CAPABILITIES = frozenset({Capability.JOINTS, Capability.SAVE, Capability.ACTUATORS})
+_REMOTE_CAPABILITIES = frozenset(
+    {Capability.JOINTS, Capability.SAVE, Capability.ACTUATORS, Capability.KINEMATIC_VELOCITIES}
+)
 """Capabilities of the engine that clients can use."""
 
 

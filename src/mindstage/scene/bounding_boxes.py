@@ -24,6 +24,7 @@ __all__ = [
     "Indices",
     "OrientedBoxes",
     "clip_polygons",
+    "connected_groups",
     "contains",
     "face_coverage",
     "footprints",
@@ -104,6 +105,21 @@ def overlapping_pairs(
         a, b = a[keep], b[keep]
         meet = np.all((low[a] <= high[b]) & (low[b] <= high[a]), axis=1)
         yield a[meet], b[meet]
+
+
+def connected_groups(count: int, a: Indices, b: Indices) -> Indices:
+    """Returns the number of the group of each box, n; boxes of a group are connected, directly or through others.
+
+    Args:
+        count: n, the number of boxes.
+        a: the rows of one box of each connected pair.
+        b: the rows of the other box.
+    """
+    from scipy.sparse import coo_array  # slow to import, and needed by pictures only
+    from scipy.sparse.csgraph import connected_components
+
+    _, groups = connected_components(coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(count, count)), False)
+    return np.asarray(groups, dtype=np.intp)
 
 
 def penetration_depths(boxes: OrientedBoxes, a: Indices, b: Indices) -> Array:

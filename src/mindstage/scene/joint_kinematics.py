@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +38,7 @@ __all__ = [
     "front_side",
     "handles_by_body",
     "is_handle_class",
+    "is_moving_part_class",
     "is_robot_part",
     "joint_displacement",
     "joint_reach",
@@ -192,15 +195,16 @@ def moving_body(joint: Joint, parent: Body, child: Body) -> tuple[Body, Body]:
     """Returns the body that a joint moves and the body that holds it.
 
     Maps use parent and child either way. Dynamic bodies are moved before kinematic ones, and those before static ones;
-    of two with equal mobility, the smaller one is moved. Joints of robots always move their child: a link of an arm may
-    be larger than the one that carries it.
+    of two with equal mobility, the door or drawer is moved, otherwise the smaller one. Joints of robots always move
+    their child: a link of an arm may be larger than the one that carries it.
     """
     if is_robot_part(parent) and is_robot_part(child):
         return child, parent
 
-    def rank(body: Body) -> tuple[int, float]:
+    def rank(body: Body) -> tuple[int, bool, float]:
         mobility = body.physics.mobility
-        return (2 if mobility is None else _MOBILITY_RANK.get(mobility, 2), _volume(body))
+        by_mobility = 2 if mobility is None else _MOBILITY_RANK.get(mobility, 2)
+        return by_mobility, not is_moving_part_class(body.cls), _volume(body)
 
     moving, holder = sorted((child, parent), key=rank)
     return moving, holder
@@ -229,6 +233,12 @@ _DEFAULT_EXTENT_M = 0.1
 """Extent of a body without a size [m]."""
 _HANDLE_WORDS = ("Handle", "Knob", "Latch")
 """Words in the names of classes of things by which doors and drawers are pulled."""
+_MOVING_PART_WORDS = frozenset({"Door", "Drawer", "Lid", "Flap", "Hatch", "Gate", "Rack"})
+_OTHER_NOUNS = frozenset(
+    ("Area", "Bell", "Block", "Cabinet", "Case", "Casing", "Frame", "Handle", "Hinge", "Joint", "Knob", "Latch", "Lock")
+)
+"""Words after that of a moving part which name something that does not move with it, or only a part of it."""
+_NAME_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 _MIN_HANDLE_OFFSET_M = 0.005
 _HANDLE_OFFSET = 0.25
 """Least offset of a handle from the center of its body, as a fraction of the half extent, that shows the front."""
@@ -302,6 +312,14 @@ class FrontSide(NamedTuple):
 def is_handle_class(name: str) -> bool:
     """Whether the name of a class is that of something by which doors and drawers are pulled."""
     return any(word in short_name(name) for word in _HANDLE_WORDS)
+
+
+@lru_cache(maxsize=4096)
+def is_moving_part_class(name: str) -> bool:
+    """Whether the name of a class is that of a part of furniture that moves: IAIFridgeDoor, not DoorFrame."""
+    words = _NAME_WORD.findall(short_name(name))
+    moving = [number for number, word in enumerate(words) if word in _MOVING_PART_WORDS]
+    return bool(moving) and _OTHER_NOUNS.isdisjoint(words[moving[-1] :])
 
 
 def handles_by_body(bodies: Mapping[BodyId, Body], parents: Mapping[BodyId, BodyId]) -> dict[BodyId, Body]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from hashlib import blake2b
 from math import cos, pi, sin
+from re import sub
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -20,10 +21,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from PIL.ImageDraw import ImageDraw
 
-__all__ = ["book_cover", "book_spine", "clock_face", "package_top", "package_wrap", "round_label", "wall_picture"]
+__all__ = [
+    "book_cover",
+    "book_spine",
+    "clock_face",
+    "name_label",
+    "package_top",
+    "package_wrap",
+    "round_label",
+    "wall_picture",
+]
 
 _PIXELS_PER_M = 2000
 _MAX_PIXELS = 768
+_LABEL_PIXELS = 256
 _DARK, _LIGHT = (40, 38, 42), (252, 250, 244)
 """These are colors."""
 
@@ -405,6 +416,33 @@ def round_label(word: str, around: float, height: float, color: Color) -> NDArra
             draw, (left, 0.14 * tall, left + 0.2 * wide, 0.86 * tall), _mixed(base, _ink(base), 0.45), _number(word)
         )
     return _finished(image)
+
+
+@lru_cache(maxsize=1024)
+def name_label(name: str, aspect: float) -> NDArray[uint8]:
+    """A label with the name of a class, h x w x 4; its words are on as many lines as make them largest.
+
+    Args:
+        name: a name such as `OrangeJuiceCarton`, which is divided before capital letters.
+        aspect: width by height.
+    """
+    words = sub(r"(?<=[a-z0-9])(?=[A-Z])|[_\s]+", " ", name).split() or [name]
+    layouts = [_lines(words, max(len(" ".join(words)) / count, *map(len, words))) for count in range(1, len(words) + 1)]
+    lines = max(layouts, key=lambda each: min(1.7 * aspect / max(map(len, each)), 1 / len(each)))
+    width = min(_LABEL_PIXELS, _LABEL_PIXELS * aspect)
+    image, draw, _ = _canvas(width / _PIXELS_PER_M, width / aspect / _PIXELS_PER_M, _LIGHT)
+    box = (0.04 * image.width, 0.06 * image.height, 0.96 * image.width, 0.94 * image.height)
+    _write(draw, " ".join(line.replace(" ", "\u00a0") for line in lines), box, _DARK)
+    return _finished(image)
+
+
+def _lines(words: list[str], most_characters: float) -> list[str]:
+    """Joins words to lines with at most that number of characters."""
+    lines = [words[0]]
+    for word in words[1:]:
+        joined = f"{lines[-1]} {word}"
+        lines[-1:] = [joined] if len(joined) <= most_characters else [lines[-1], word]
+    return lines
 
 
 @lru_cache(maxsize=256)

@@ -189,8 +189,6 @@ class MountCulling:
             eye: position of the camera [m].
             poses: the current poses, n x 7.
         """
-        if not len(self._rows):
-            return frozenset()
         walls = poses[self._rows]
         normals = rotation_matrix(normalize(walls[:, 3:]))[np.arange(len(walls)), :, self._axes]
         is_behind = np.einsum("ij,ij->i", eye - walls[:, :3], normals) * self._signs < 0.0

@@ -34,6 +34,46 @@ needs(ros, urdf_load(robot, 'robot.urdf', [])).
 needs(java, jpl_load_library).
 needs(java, visualisation_canvas(_)).
 needs(java, camera_pose([0, 0, 5], [1, 0, 0, 0])).
+needs(visualization, visualisation_canvas).
+needs(visualization, clear_canvas).
+needs(visualization, add_object(cup)).
+needs(visualization, add_object(cup, 0)).
+needs(visualization, add_objects([cup])).
+needs(visualization, add_object_with_children(kitchen)).
+needs(visualization, add_object_with_children(kitchen, 0)).
+needs(visualization, update_object(cup)).
+needs(visualization, update_object_with_children(kitchen)).
+needs(visualization, marker_update).
+needs(visualization, marker_update(object(cup))).
+needs(visualization, marker_update(object(cup), 0)).
+needs(visualization, marker_publish).
+needs(visualization, marker_touch(object(cup))).
+needs(visualization, marker_highlight(object(cup))).
+needs(visualization, marker_highlight(object(cup), red)).
+needs(visualization, highlight_object(cup)).
+needs(visualization, highlight_object(cup, true)).
+needs(visualization, highlight_object_with_children(kitchen)).
+needs(visualization, marker_highlight_remove(object(cup))).
+needs(visualization, marker_highlight_remove).
+needs(visualization, reset_highlighting).
+needs(visualization, remove_object(cup)).
+needs(visualization, remove_object_with_children(kitchen)).
+needs(visualization, marker_hide(object(cup))).
+needs(visualization, marker_show(object(cup))).
+needs(visualization, u_marker_remove_all).
+needs(visualization, add_text('hello')).
+needs(visualization, add_text('hello', [0, 0, 1], 0.1)).
+needs(visualization, marker_text(note, 'hello')).
+needs(visualization, add_trajectory(hand, 0, 1, 0.1)).
+needs(visualization, add_trajectory(hand, 0, 1, 0.1, 1)).
+needs(visualization, add_avg_trajectory(hand, 0, 1, 0.1, 1)).
+needs(visualization, camera_transform([[0, 0, 5], [1, 0, 0, 0]])).
+needs(visualization, sem_map_inst(_)).
+needs(visualization, connect_to_db('episodes')).
+needs(visualization, u_load_episodes('episodes')).
+needs(visualization, ep_inst(_)).
+needs(visualization, u_occurs(_, _, _, _)).
+needs(visualization, belief_parse('belief.owl')).
 needs(learning, classifier_trained(_, _, _, _)).
 needs(learning, classify_instances(_, _, _)).
 needs(learning, best_location_dtree(cup, _)).

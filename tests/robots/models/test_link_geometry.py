@@ -49,8 +49,8 @@ def test_files_that_are_likely_next_are_imported_by_the_same_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[object] = []
-    start = _MeshWorker.__enter__
-    monkeypatch.setattr(_MeshWorker, "__enter__", lambda self: (started.append(self), start(self))[1])
+    start = _MeshWorker.__init__
+    monkeypatch.setattr(_MeshWorker, "__init__", lambda self: (started.append(self), start(self))[1])
     paths = [tmp_path / f"{name}.stl" for name in ("first", "second", "broken", "absent")]
     for size, path in enumerate(paths[:2], 1):
         trimesh.creation.box(extents=(size, 1.0, 1.0)).export(path)
@@ -70,8 +70,8 @@ def test_the_visual_meshes_of_a_robot_are_imported_by_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started: list[object] = []
-    start = _MeshWorker.__enter__
-    monkeypatch.setattr(_MeshWorker, "__enter__", lambda self: (started.append(self), start(self))[1])
+    start = _MeshWorker.__init__
+    monkeypatch.setattr(_MeshWorker, "__init__", lambda self: (started.append(self), start(self))[1])
     names = ("a", "b", "c")
     for size, name in enumerate(names, 1):
         trimesh.creation.box(extents=(size, 1.0, 1.0)).export(tmp_path / f"{name}.stl")

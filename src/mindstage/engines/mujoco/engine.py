@@ -100,6 +100,7 @@ class MujocoEngine(EditingEngine):
             Capability.CONTACTS,
             Capability.SCALE_DYNAMICS,
             Capability.JOINTS,
+            Capability.KINEMATIC_VELOCITIES,
             Capability.STATISTICS,
             Capability.ACTUATORS,
         }

@@ -603,6 +603,8 @@ class ModelCache:
             for known, new in zip(self._boxes, tables.boxes(poses, rows), strict=True):
                 known[rows] = new
         handovers = find_handovers(tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s)
+        if not handovers.regions:
+            return
         homes = {id: region for region in self.regions for id in region.bodies}
         nowhere = np.zeros((0, 2, 3))
         compiled = [

@@ -612,7 +612,9 @@ def find_handovers(
     is_awake = np.zeros(len(home), dtype=bool)
     swept = tables.unit_boxes(boxes)
     for region in regions:
-        places = np.zeros(0, dtype=np.intp) if region.is_resting else region.awake_rows()
+        if region.is_resting:
+            continue
+        places = region.awake_rows()
         rows = region.rows[places]
         units, radii = tables.unit_of[rows], np.linalg.norm(tables.half_extents[rows], axis=1)
         shifts = region.displacements(places, radii, duration_s)
@@ -621,9 +623,7 @@ def find_handovers(
         is_awake[units] = True
     swept[0][is_awake, 2] -= _GRAVITY_M_S2 * duration_s**2 / 2
     awake = np.flatnonzero(is_awake)
-    near: dict[int, list[int]] = {}
-    for a, b in _meeting(swept, is_awake):
-        near.setdefault(a, []).append(b)
+    near = _near(swept, home, is_awake)
     target, outdated, count = home.copy(), _outdated(tables, regions, home, is_awake, swept, poses), len(regions)
     sizes = np.bincount(home[home >= 0], weights=tables.unit_sizes[home >= 0], minlength=count).tolist()
 
@@ -653,6 +653,18 @@ def find_handovers(
     changed |= {number for number, has_awake in left.items() if has_awake}
     found = [(target == number, number if number < len(regions) else None) for number in sorted(changed)]
     return Handovers([each for each in found if each[0].any()], [n for n, awake in left.items() if not awake], swept)
+
+
+def _near(swept: Boxes, home: Indices, is_awake: NDArray[np.bool_]) -> dict[int, list[int]]:
+    """For each unit that is awake, the units whose boxes meet its own."""
+    found: dict[int, list[int]] = {}
+    for number in np.unique(home[is_awake]).tolist():
+        is_here = is_awake & (home == number)
+        bounds = np.stack([swept[0][is_here].min(axis=0), swept[1][is_here].max(axis=0)])
+        candidates = np.flatnonzero(box_meets(bounds, swept))
+        for a, b in _meeting((swept[0][candidates], swept[1][candidates]), is_here[candidates]):
+            found.setdefault(int(candidates[a]), []).append(int(candidates[b]))
+    return found
 
 
 def _cluster_of(unit: int, near: Mapping[int, list[int]], is_awake: NDArray[np.bool_], target: Indices) -> list[int]:

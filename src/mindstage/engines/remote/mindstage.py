@@ -187,7 +187,8 @@ class MindstageRemoteEngine(RemoteEngine):
 
     @property
     def capabilities(self) -> frozenset[Capability]:
-        sent = (Capability.SAVE, Capability.JOINTS, Capability.ACTUATORS)  # the wire has no messages for others
+        # The wire has no messages for others.
+        sent = (Capability.SAVE, Capability.JOINTS, Capability.ACTUATORS, Capability.KINEMATIC_VELOCITIES)
         return frozenset(each for each in sent if each.value in self._remote_info.abilities)
 
     @property

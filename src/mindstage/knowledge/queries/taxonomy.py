@@ -167,6 +167,8 @@ class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
     """A class or an individual; a literal or an expression as text with local names."""
     source: ClassName
     """The superclass that the restriction is inherited from, or the class itself."""
+    inverse: bool
+    """Whether it is on the inverse of the property: a member is the value, and `value` describes its subjects."""
 
 
 @question(
@@ -174,9 +176,12 @@ class ClassRestrictionRow(AnswerRow, frozen=True, kw_only=True):
         "what are the properties of {cls}",
         "which properties does the class {cls} have",
         "what are the restrictions on {cls}",
-        "what is the {property} of the class {cls}",
-        "which classes have {value} as {property}",
-        "what does every {cls} have",
+        "what is the {property} of the class {cls} {inverse=false}",
+        "which classes have {value} as {property} {inverse=false}",
+        "what does every {cls} have {inverse=false}",
+        "(what|which things) (has|have) every {cls} as {property} {inverse=true}",
+        "of what is every {cls} the {property} {inverse=true}",
+        "what are the inverse restrictions on {cls} {inverse=true}",
     )
 )
 def class_properties(
@@ -184,21 +189,31 @@ def class_properties(
     cls: ClassName | None = None,
     property: PropertyName | None = None,
     value: ValueName | None = None,
+    inverse: bool | None = None,
 ) -> Iterator[ClassRestrictionRow]:
     """The restrictions on the members of a class, with the class that each is inherited from; the nearest first.
 
-    A property also finds its subproperties.
+    A property also finds its subproperties. A restriction on the inverse of a property is about what has a member as
+    its value: by one on the inverse of `hasPart`, each member is a part of something.
 
     Examples:
         class_properties Refrigerator
         class_properties Dishwasher typePrimaryFunction-containerFor
         class_properties property=typePrimaryFunction-containerFor value=Perishable
     """
+    yield from _restriction_rows(kb, cls, property, value, inverse)
+
+
+def _restriction_rows(
+    kb: QuestionContext, cls: Iri | None, property: Iri | None, value: str | None, inverse: bool | None
+) -> Iterator[ClassRestrictionRow]:
     same = frozenset() if value is None else frozenset(kb.reasoner.equivalents(Iri(value)))
     for each in _classes_with_value(kb, same) if cls is None else (cls,):
         for owned in kb.reasoner.restrictions(each):
             restriction = owned.restriction
             filler = _filler_text(restriction.filler)
+            if inverse is not None and inverse is not restriction.inverse:
+                continue
             if property is None or property in kb.reasoner.properties.super_properties(restriction.property):
                 yield ClassRestrictionRow(
                     cls=each,
@@ -207,6 +222,7 @@ def class_properties(
                     count=restriction.cardinality,
                     value=value if value and filler in same else filler,
                     source=owned.cls,
+                    inverse=restriction.inverse,
                 )
 
 
@@ -230,8 +246,8 @@ def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator
     yield from subclass_line(kb.reasoner.classes.path(row.cls, row.source))
     same = frozenset(kb.reasoner.equivalents(Iri(row.value)))
     for restriction in kb.reasoner.axioms.own_restrictions(row.source):
-        described = restriction.restriction_type.value, restriction.cardinality
-        if described == (row.kind, row.count) and _filler_text(restriction.filler) in same:
+        described = restriction.restriction_type.value, restriction.cardinality, restriction.inverse
+        if described == (row.kind, row.count, row.inverse) and _filler_text(restriction.filler) in same:
             path = kb.reasoner.properties.implication_path(restriction.property, row.property)
             if path:
                 yield restriction_line(row.source, restriction)
@@ -240,25 +256,37 @@ def _explain_property(kb: QuestionContext, row: ClassRestrictionRow) -> Iterator
 
 @class_properties.missing
 def _missing_property(kb: QuestionContext, asked: AskedArguments) -> Iterator[MissingKnowledge]:
-    value = asked.plain("value", str)
+    value, inverse = asked.plain("value", str), asked.plain("inverse", bool)
     owner = f"neither {local_name(asked.cls)} nor an ancestor of it" if asked.cls else "no class"
     what = "a restriction on its members"
     if asked.property or value:
         what = f"{local_name(asked.property) if asked.property else '…'} {local_name(value) if value else '…'}"
-    within = _expression_with(kb, asked.cls, asked.property, value) if value else None
+    described = f"inverse of {what}" if inverse else what
+    within = _expression_with(kb, asked.cls, asked.property, value, inverse) if value else None
     hint = f"; {within} names it in an expression" if within else ""
-    claim = Claim(kind=ClaimKind.NO_STATED_RESTRICTION, subject=asked.cls, property=asked.property, object=value)
+    if inverse is not None:
+        others = _restriction_rows(kb, asked.cls, asked.property, value, not inverse)
+        if (other := next(iter(others), None)) is not None:
+            of = "inverse of " if other.inverse else ""
+            hint += f"; {local_name(other.source)} has a restriction on {of}{local_name(other.property)}"
+    detail = None if inverse is None else "inverse" if inverse else "forward"
+    claim = Claim(
+        kind=ClaimKind.NO_STATED_RESTRICTION, subject=asked.cls, property=asked.property, object=value, detail=detail
+    )
     yield MissingKnowledge(
-        asked.cls or THING, asked.property or SUBCLASS_OF, f"{owner} has {what}{hint}", claims=(claim,)
+        asked.cls or THING, asked.property or SUBCLASS_OF, f"{owner} has {described}{hint}", claims=(claim,)
     )
 
 
-def _expression_with(kb: QuestionContext, cls: Iri | None, property: Iri | None, value: str) -> str | None:
+def _expression_with(
+    kb: QuestionContext, cls: Iri | None, property: Iri | None, value: str, inverse: bool | None
+) -> str | None:
     """A restriction whose filler is an expression that names a class; None if there is none."""
     axioms, properties = kb.reasoner.axioms, kb.reasoner.properties
     for owner in axioms.restricted_classes() if cls is None else kb.reasoner.classes.above(cls):
         for own in axioms.own_restrictions(owner):
             is_on_property = property is None or property in properties.super_properties(own.property)
+            is_on_property &= inverse in (None, own.inverse)
             if is_on_property and Iri(value) in {*named_classes(own.filler)}:
                 return restriction_line(owner, own)
     return None

@@ -21,6 +21,7 @@ import numpy as np
 
 from mindstage.maps.dialects.body_boxes import with_body_boxes
 from mindstage.maps.dialects.conventions import Handedness, LengthUnit, QuaternionOrder, UnitConventions
+from mindstage.maps.dialects.joint_ends import DescribedEnd, order_of_ends
 from mindstage.maps.dialects.joints import OPEN_ANGLE_RAD, HingeEvidence, InferredAxis, infer_hinge_axis
 from mindstage.maps.dialects.membership import pose_facts, references, types_of
 from mindstage.maps.dialects.semlog import read_semlog, with_tag_properties
@@ -124,6 +125,8 @@ class _AmevaJointReader:
             self._preserve_as_original(moving, CHILD, joint)
             self._preserve_as_original(moving, PARENT, joint)
             self._add(joint, PropertyAssertion(PARENT, IriRef(base)), PropertyAssertion(CHILD, IriRef(moving)))
+        if HAS_LINEAR not in given and HAS_ANGULAR not in given:
+            base, moving = self._ordered(joint, base, moving)
         self._preserve_as_original(moving, PARENT, base)
         self._preserve_as_original(base, CHILD, moving)
         if HAS_LINEAR in given or HAS_ANGULAR in given:
@@ -137,6 +140,32 @@ class _AmevaJointReader:
             HAS_LINEAR,
             "the joint gives neither an axis nor limits",
             f"{local_name(moving)} {motion}",
+        )
+
+    def _ordered(self, joint: Iri, base: Iri, moving: Iri) -> tuple[Iri, Iri]:
+        """Returns the end of a joint that holds and the one that moves; the map may name them the other way round."""
+        order = order_of_ends(self._end(base), self._end(moving, is_child=True))
+        ends = (base, moving) if order.is_second else (moving, base)
+        if order.problem:
+            self.source_map.report(Severity.WARNING, joint, CHILD, order.problem, f"{local_name(ends[1])} moves")
+        if not order.is_second:
+            self._preserve_as_original(joint, PARENT, base)
+            self._preserve_as_original(joint, CHILD, moving)
+            self._preserve_as_original(base, PARENT, moving)
+            self._preserve_as_original(moving, CHILD, base)
+            self._add(joint, PropertyAssertion(PARENT, IriRef(moving)), PropertyAssertion(CHILD, IriRef(base)))
+        return ends
+
+    def _end(self, body: Iri, *, is_child: bool = False) -> DescribedEnd:
+        types = types_of(self.graph.get(body, ()))
+        above = [upper for cls in types for upper in self.source_map.hierarchy.ancestors(cls)]
+        box = self._observe(body)
+        return DescribedEnd(
+            name=local_name(body),
+            class_names=[local_name(cls) for cls in (*types, *above)],
+            has_handle=self._handle(body) is not None,
+            is_child=is_child,
+            volume=None if box is None or box.size is None else float(np.prod(box.size)),
         )
 
     def _infer_motion(self, joint: Iri, parent: Iri, child: Iri) -> tuple[LinearLimits, AngularLimits, str]:

@@ -17,13 +17,14 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mindstage.maps.dialects.conventions import SizeFrame, UnitConventions
 from mindstage.maps.dialects.map_statistics import is_constraint
 from mindstage.maps.dialects.membership import pose_facts, references, types_of
+from mindstage.maps.dialects.mesh_pivots import PivotChoice, find_pivots
 from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import center_poses, pivot_of
 from mindstage.maps.rdf_mapping.fields import ClassSizes, parse_tags
@@ -35,6 +36,7 @@ from mindstage.rdf.vocabulary import (
     JOINT_CLASSES,
     ONTOLOGY,
     PARENT,
+    PIVOT,
     SIZES,
     TAGS_DATA,
 )
@@ -58,6 +60,11 @@ _PANE_THICKNESS_M = 0.01
 _PANE_RATIO = 0.35
 """A pane is thinner than this fraction of its second extent."""
 _PANE_WORD = re.compile(r"door|drawer|front|panel|pane|window|poster|picture|frame|glass|mirror|wall|board|shel", re.I)
+_ROUND_WORD = re.compile(r"(plate|saucer|bowl)s?(?![a-z])", re.I)
+_MIN_ROUND_RATIO = 0.6
+"""Horizontal extents of round tableware differ by no more than this factor."""
+_MAX_ROUND_HEIGHT = 1.5
+"""Its largest height, relative to the diameter."""
 _MAX_CANDIDATES = 8
 """Number of different boxes of a class that are compared."""
 _MAX_ORIENTATIONS = 64
@@ -77,18 +84,6 @@ _MAX_EVIDENCE = 10.0
 """Largest weight of one kind of evidence, a logarithm of odds."""
 _LOGGER_ODDS, _OTHER_ODDS = 0.8, 3.0
 """Logarithm of the odds from which sizes are along the world's axes, in maps of loggers and of others."""
-_LEVEL_M = 0.03
-"""Difference of heights up to which a body stands on a level [m]."""
-_CONTACT_M = 0.005
-"""Difference of a pivot's height from that of a support surface up to which the pivot is on it [m]."""
-_MIN_SUNK_M = 0.1
-"""Half height above which a box that is centered at the floor's level is implausible [m]."""
-_MIN_SUNK_IN_SUPPORT_M = 0.015
-_MIN_SHARE = 0.6
-"""Fraction of the bodies of a class that have to show the same pivot."""
-_SLAB_RATIO = 0.3
-_MIN_SLAB_AREA_M2 = 4.0
-_UPRIGHT_COSINE = 0.999
 _LOGGER_ID = re.compile(r"[\w-]{22}", re.ASCII)
 """SemLog's ids: 128 bits in the Base64 of URLs."""
 _DATE = re.compile(r"(?<!\d)(20[12]\d)[-._/]?(0[1-9]|1[0-2])[-._/]?([0-2]\d|3[01])(?!\d)")
@@ -343,6 +338,8 @@ class _Choice:
     """n x 3; empty if no individual can have the bounds that are given."""
     priors: Array
     """n costs, higher for individuals that come later in the map."""
+    is_repaired: bool = False
+    """Whether the boxes have only two of the three extents that are given."""
     chosen: int = 0
 
     @property
@@ -560,7 +557,9 @@ class _SizeSolver:
                 continue
             if abs(stated[0] - stated[1]) <= 0.01 * stated[:2].max():
                 continue  # two equal horizontal extents, as those of cups, are so in both frames
-            (possible if len(choice.boxes) else impossible).append(local_name(choice.group.cls))
+            (possible if len(choice.boxes) and not choice.is_repaired else impossible).append(
+                local_name(choice.group.cls)
+            )
             chance = float(np.clip(_chance_of_solution(absolute[0]), 0.02, 0.95))
             if len(boxes_with_bounds(absolute[0], stated)):
                 weight += math.log(0.9 / chance)
@@ -602,15 +601,14 @@ class _SizeSolver:
 
     def _report_impossible(self) -> None:
         for choice in self.choices:
-            if not len(choice.boxes):
+            if not len(choice.boxes) or choice.is_repaired:
                 extents = " x ".join(f"{extent:g}" for extent in choice.group.stated)
-                self.source_map.report(
-                    Severity.WARNING,
-                    choice.group.cls,
-                    SIZE[0].property,
-                    f"no box has the world-aligned bounds {extents} m at the orientation of any of its bodies",
-                    "the numbers are read along the axes of the body",
-                )
+                kind, action = "box", "the numbers are read along the axes of the body"
+                if choice.is_repaired:
+                    box = " x ".join(f"{extent:.3g}" for extent in choice.box)
+                    kind, action = "round box", f"two of them are those of a round one, {box} m, which is used"
+                problem = f"no {kind} has the world-aligned bounds {extents} m at the orientation of any of its bodies"
+                self.source_map.report(Severity.WARNING, choice.group.cls, SIZE[0].property, problem, action)
 
 
 def _choice(group: _Group, absolute: Array) -> _Choice:
@@ -632,7 +630,34 @@ def _choice(group: _Group, absolute: Array) -> _Choice:
                 unlikely = len(solutions) > 1 and (number > 0) != flat
                 unlike_mesh = 0.0 if proportions is None else _unevenness(box, proportions)
                 priors.append((0.02 if rank else 0.0) + (0.05 if unlikely else 0.0) + 5.0 * unlike_mesh)
-    return _Choice(group, np.array(boxes).reshape(-1, 3), np.array(priors))
+    choice = _Choice(group, np.array(boxes).reshape(-1, 3), np.array(priors))
+    if _ROUND_WORD.search(local_name(group.cls)) and not _is_round(choice.boxes).any():
+        repaired = [
+            box
+            for at in sorted(first.values())[:_MAX_CANDIDATES]
+            for box in _round_boxes(absolute[group.rows[at]], group.stated)
+        ]
+        if repaired:
+            return _Choice(
+                group, np.array(repaired), 0.02 * np.arange(len(repaired), dtype=np.float64), is_repaired=True
+            )
+    return choice
+
+
+def _is_round(boxes: Array) -> NDArray[np.bool_]:
+    """Whether boxes are plausible for tableware: about as wide as deep, and not much higher."""
+    least, most = boxes[:, :2].min(axis=1), boxes[:, :2].max(axis=1)
+    return np.asarray((least >= _MIN_ROUND_RATIO * most) & (boxes[:, 2] <= _MAX_ROUND_HEIGHT * most))
+
+
+def _round_boxes(absolute: Array, extents: Array) -> Iterator[Array]:
+    """Yields the round boxes that have two of the three world-aligned extents that are given."""
+    for rows in ((0, 1), (0, 2), (1, 2)):
+        equations = np.stack([absolute[rows, 0] + absolute[rows, 1], absolute[rows, 2]], axis=1)
+        if abs(np.linalg.det(equations)) > _SINGULAR:
+            diameter, height = np.linalg.solve(equations, extents[list(rows)]).tolist()
+            if 0.0 < height <= _MAX_ROUND_HEIGHT * diameter:
+                yield np.round([diameter, diameter, height], 9)
 
 
 def _unevenness(extents: Array, proportions: Array) -> float:
@@ -709,127 +734,67 @@ def _logged_date(source_map: SourceMap) -> tuple[int, int, int] | None:
 
 # -- pivots ------------------------------------------------------------------------------------------------------------
 
-
-class _Pivot(NamedTuple):
-    group: _Group
-    offset: Array
-    """Center of the box in the frame of the mesh [m]."""
-    reason: str
+_SIDE_NAMES = (("back", "front"), ("right", "left"), ("bottom", "top"))
+"""Sides of a box along its axes, the one at the lower coordinate first."""
 
 
 class _PivotFinder:
-    """Finds the classes whose pose is the bottom or the top of a mesh instead of its center."""
+    """Finds the classes whose pose is not that of the center of a box, by their meshes, otherwise by evidence."""
 
     def __init__(self, source_map: SourceMap, bodies: _Bodies) -> None:
         self.source_map, self.bodies = source_map, bodies
-        self.centers = bodies.positions.copy()
-        absolute = np.abs(bodies.rotations)
-        self.halves = np.einsum("nij,nj->ni", absolute, bodies.sizes) / 2
-        self.upright = bodies.rotations[:, 2, 2] > _UPRIGHT_COSINE
-        self.attached = np.zeros(len(bodies.members), dtype=bool)
-        self.attached[bodies.links[:, 1]] = True
-        self.known = np.zeros(len(bodies.members), dtype=bool)
-        """Whether the pivot is that of a mesh."""
-        self.pivots: list[_Pivot] = []
 
     def offsets(self) -> Iterator[tuple[Iri, list[float]]]:
         """Yields the individuals with another pivot, and the center of their box in the frame of the mesh [m]."""
-        self._find_by_meshes()
-        floor = self._floor_level()
-        if floor is not None:
-            self._find_at_floor(floor)
-        self._find_on_supports()
-        if not self.pivots:
+        bodies, groups = self.bodies, self.bodies.groups
+        centers, classes = bodies.positions.copy(), np.full(len(bodies.members), -1)
+        found: list[tuple[_Group, Array, str]] = []
+        unknown: list[_Group] = []
+        for group in groups:
+            size = bodies.sizes[group.rows[0]]
+            offset = _mesh_offset(group, size)
+            if offset is None:
+                classes[group.rows] = len(unknown)
+                unknown.append(group)
+            elif np.abs(offset).max() > _MESH_CENTER_TOLERANCE * size.max():
+                centers[group.rows] += bodies.rotations[group.rows] @ offset
+                found.append((group, offset, "its mesh has the origin there"))
+        boxes = OrientedBoxes(centers, bodies.rotations, bodies.sizes / 2)
+        for group, choice in zip(unknown, find_pivots(boxes, classes, bodies.links), strict=True):
+            offset = choice.sides * bodies.sizes[group.rows[0]] / 2
+            if choice.tied:
+                self._report_tie(group, choice)
+            if offset.any():
+                better = "what is around it is then held better" if choice.holds_others else "it is then held better"
+                found.append((group, offset, f"{better}, margin {choice.margin:.1f}"))
+        if not found:
             return
-        evidence = "; ".join(f"{_group_text(pivot.group)}: {pivot.reason}" for pivot in self.pivots)
-        sides = [f"{_side_text(pivot.offset)} of {local_name(pivot.group.cls)}" for pivot in self.pivots]
-        value = f"{', '.join(sides)}; center of all others"
-        self.source_map.record_assumption("pivots", value, evidence)
-        for pivot in self.pivots:
-            for row in pivot.group.rows.tolist():
-                yield self.bodies.members[row], pivot.offset.tolist()
+        evidence = "; ".join(f"{_group_text(group)}: {reason}" for group, _, reason in found)
+        sides = [f"{_side_text(offset)} of {local_name(group.cls)}" for group, offset, _ in found]
+        self.source_map.record_assumption("pivots", f"{', '.join(sides)}; center of all others", evidence)
+        for group, offset, _ in found:
+            for row in group.rows.tolist():
+                yield bodies.members[row], offset.tolist()
 
-    def _floor_level(self) -> float | None:
-        """Returns the height that most large bodies stand on, with their pivots or the bottoms of their boxes [m]."""
-        heights = self.bodies.positions[:, 2]
-        large = self.upright & (self.halves[:, 2] > _MIN_SUNK_M)
-        if not large.any():
-            return None
-        limit = float(np.quantile(heights, 0.1)) + _LEVEL_M
-        standing = np.concatenate([heights[large], (heights - self.halves[:, 2])[large]])
-        standing = np.sort(standing[standing <= limit])
-        first = np.searchsorted(standing, standing - _LEVEL_M)
-        last = np.searchsorted(standing, standing + _LEVEL_M, side="right")
-        best = int(np.argmax(last - first)) if len(standing) else 0
-        at_level = standing[first[best] : last[best]] if len(standing) else standing
-        return float(np.median(at_level)) if len(at_level) > 1 else None
+    def _report_tie(self, group: _Group, choice: PivotChoice) -> None:
+        sides = " and ".join(f"{low} and {high}" for low, high in (_SIDE_NAMES[axis] for axis in choice.tied))
+        problem = f"{sides} of its box fit equally well as the origin of its mesh, and better than the center"
+        action = "along this axis, its bodies are where they are with the center"
+        self.source_map.report(Severity.WARNING, group.cls, PIVOT, problem, action)
 
-    def _find_by_meshes(self) -> None:
-        for group in self.bodies.groups:
-            size = self.bodies.sizes[group.rows[0]]
-            if group.mesh is None or _unevenness(size, group.mesh[0]) > _MESH_TOLERANCE or not group.mesh[0].any():
-                continue
-            extents, center = group.mesh
-            offset = center * float(size.max() / extents.max())
-            self.known[group.rows] = True
-            if np.abs(offset).max() > _MESH_CENTER_TOLERANCE * size.max():
-                self._add(group, offset, "its mesh has the origin there")
 
-    def _find_at_floor(self, floor: float) -> None:
-        heights, halves = self.bodies.positions[:, 2], self.halves[:, 2]
-        at_floor = self.upright & (np.abs(heights - floor) < _LEVEL_M)
-        for group in self.bodies.groups:
-            rows = group.rows
-            share = at_floor[rows].mean()
-            half = float(halves[rows[0]])
-            if share < _MIN_SHARE or not self.upright[rows].all() or self.known[rows[0]]:
-                continue
-            if self._is_slab(rows):
-                if half > _LEVEL_M:
-                    reason = f"it is at the level {floor:.2f} m that bodies stand on"
-                    self._add(group, self._half_height(group, -1.0), reason)
-            elif half > _MIN_SUNK_M:
-                reason = f"it is at the floor's level {floor:.2f} m, where half of the box would be below"
-                self._add(group, self._half_height(group, 1.0), reason)
-
-    def _is_slab(self, rows: Indices) -> bool:
-        """Whether bodies are flat and large, as floors are."""
-        depth, width, height = self.bodies.sizes[rows[0]]
-        return bool(height < _SLAB_RATIO * min(depth, width) and depth * width > _MIN_SLAB_AREA_M2)
-
-    def _find_on_supports(self) -> None:
-        """Finds classes of loose things whose pivot is exactly at the top of what they stand on."""
-        count = len(self.bodies.members)
-        shifted = self.known.copy()
-        for pivot in self.pivots:
-            shifted[pivot.group.rows] = True
-        loose = self.upright & ~self.attached & ~shifted & (self.halves[:, 2] > _MIN_SUNK_IN_SUPPORT_M)
-        boxes = OrientedBoxes(self.centers, np.broadcast_to(np.eye(3), (count, 3, 3)), self.halves)
-        stands = np.zeros(count, dtype=bool)
-        for pair in overlapping_pairs(boxes, loose, np.ones(count, dtype=bool)):
-            for a, b in (pair, pair[::-1]):
-                top = self.centers[b, 2] + self.halves[b, 2]
-                inside = np.all(np.abs(self.centers[a, :2] - self.centers[b, :2]) < self.halves[b, :2], axis=1)
-                wider = np.all(self.halves[b, :2] > self.halves[a, :2], axis=1)
-                stands[a[loose[a] & inside & wider & (np.abs(self.centers[a, 2] - top) < _CONTACT_M)]] = True
-        for group in self.bodies.groups:
-            rows = group.rows
-            if stands[rows].mean() >= _MIN_SHARE and self.upright[rows].all():
-                reason = "it is at the top of what they stand on, where half of the box would be inside"
-                self._add(group, self._half_height(group, 1.0), reason)
-
-    def _half_height(self, group: _Group, direction: float) -> Array:
-        return np.array([0.0, 0.0, direction * self.bodies.sizes[group.rows[0], 2] / 2])
-
-    def _add(self, group: _Group, offset: Array, reason: str) -> None:
-        self.centers[group.rows] += self.bodies.rotations[group.rows] @ offset
-        self.pivots.append(_Pivot(group, offset, reason))
+def _mesh_offset(group: _Group, size: Array) -> Array | None:
+    """Returns the center of a mesh in its own frame [m], or None without a mesh that has the proportions of the box."""
+    if group.mesh is None or _unevenness(size, group.mesh[0]) > _MESH_TOLERANCE or not group.mesh[0].any():
+        return None
+    extents, center = group.mesh
+    return np.asarray(center * float(size.max() / extents.max()))
 
 
 def _side_text(offset: Array) -> str:
-    """Returns the side of a box that is opposite to the direction of its center."""
-    axis = int(np.argmax(np.abs(offset)))
-    return (("back", "front"), ("right", "left"), ("bottom", "top"))[axis][int(offset[axis] < 0.0)]
+    """Returns the sides of a box that are opposite to the direction of its center, the one of z first."""
+    axes = [axis for axis in (2, 0, 1) if abs(offset[axis]) > 0.05 * np.abs(offset).max()]
+    return " ".join(_SIDE_NAMES[axis][int(offset[axis] < 0.0)] for axis in axes)
 
 
 def _group_text(group: _Group) -> str:

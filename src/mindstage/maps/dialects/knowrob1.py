@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mindstage.maps.dialects.conventions import QuaternionOrder
+from mindstage.maps.dialects.joint_ends import JointEnds
 from mindstage.maps.dialects.joints import (
     HingeEvidence,
     InferredAxis,
@@ -47,6 +48,8 @@ from mindstage.rdf.vocabulary import (
     CHILD,
     CONNECTIONS,
     CONSTRAINT,
+    DOOR_HINGED_TO,
+    DOOR_HINGED_WITH,
     EVENT_OCCURS_AT,
     HAS_LINEAR,
     HAS_POSE,
@@ -97,7 +100,11 @@ _JOINT_TYPES = {
 }
 _DIRECTION, _TURN_RADIUS = knowrob("direction"), knowrob("turnRadius")
 _VECTOR = tuple(knowrob(f"vector{axis}") for axis in "XYZ")
-_CONNECTION_JOINT_TYPES = {HINGED_TO: JointType.REVOLUTE, PRISMATICALLY_CONNECTED_TO: JointType.PRISMATIC}
+_CONNECTION_JOINT_TYPES = {
+    DOOR_HINGED_TO: JointType.REVOLUTE,
+    HINGED_TO: JointType.REVOLUTE,
+    PRISMATICALLY_CONNECTED_TO: JointType.PRISMATIC,
+}
 KNOWROB1_DIALECT = "KnowRob 1"
 _RESTATES_POSE = PropertyAssertion(RESTATES, IriRef(HAS_POSE))
 
@@ -264,6 +271,7 @@ class _Knowrob1JointReader:
             for member in normalizer.members
         }
         self.neighbors = self._find_neighbors()
+        self.ends = JointEnds(normalizer)
 
     def run(self) -> None:
         for joint, joint_type in self.joints.items():
@@ -284,12 +292,13 @@ class _Knowrob1JointReader:
                 joint, parent, child, self._joint_limits(joint, joint_type or JointType.FIXED, *ends), name=joint
             )
         self.normalizer.record_inferred(self.inferred, self.evidence)
+        self.ends.record_carried()
 
     # -- connected bodies ----------------------------------------------------------------------------------------------
 
     def _find_neighbors(self) -> Mapping[Iri, Sequence[Iri]]:
         """Returns the resources that each joint refers to or that refer to it."""
-        properties = (*CONNECTIONS, *TO_PARTS, *TO_WHOLES, PARENT, CHILD)
+        properties = (*CONNECTIONS, *TO_PARTS, *TO_WHOLES, DOOR_HINGED_WITH, PARENT, CHILD)
         found: dict[Iri, dict[Iri, None]] = {}
         for member in self.normalizer.members:
             for other in self.normalizer.references(member, *properties):
@@ -307,14 +316,13 @@ class _Knowrob1JointReader:
             problem = f"it is related to {len(bodies)} bodies: {abbreviated_names(bodies)}"
             self.normalizer.warn(joint, "", problem, "the first whole and its part are joined")
         pairs = [(one, other) for one in bodies for other in bodies if other in self.parts[one]]
-        if pairs:
-            return pairs[0]
-        one, other = bodies[:2]
-        if one in self.normalizer.references(other, HINGED_TO, PRISMATICALLY_CONNECTED_TO) or self._volume(
-            other
-        ) > self._volume(one):
-            return other, one
-        return one, other
+        first, second = pairs[0] if pairs else (bodies[0], bodies[1])
+        children = self.normalizer.references(joint, CHILD)
+        if first in children or second in self.normalizer.references(joint, PARENT):
+            first, second = second, first
+        child = second if {first, second} & {*children, *self.normalizer.references(joint, PARENT)} else None
+        parent, child = self.ends.ordered(joint, first, second, property="", child=child)
+        return self.ends.carrier(self.joints[joint], parent, child)
 
     def _connected_bodies(self, body: Iri, joint_type: JointType | None) -> list[Iri]:
         """Returns the bodies that one with a joint is connected to by a joint of this type, then its wholes."""
@@ -327,9 +335,6 @@ class _Knowrob1JointReader:
         ]
         candidates += [whole for whole, parts in self.parts.items() if body in parts]
         return [other for other in candidates if other in self.normalizer.poses]
-
-    def _volume(self, body: Iri) -> float:
-        return float(np.prod(self.normalizer.sizes.get(body, (0.0, 0.0, 0.0))))
 
     # -- axis and limits -----------------------------------------------------------------------------------------------
 
@@ -443,16 +448,15 @@ def _mean_box(boxes: Sequence[ObservedBox]) -> ObservedBox:
     return ObservedBox(Pose((x, y, z), boxes[0].pose.quaternion), boxes[0].size)
 
 
-def perception_blocks(body: Body, graph: Graph, used_names: Container[str]) -> Iterator[SubjectBlock]:
+def perception_blocks(body: Body, perceived: PerceivedPoses, used_names: Container[str]) -> Iterator[SubjectBlock]:
     """Yields a perception of a body at its current pose, and the matrix of the pose.
 
     Args:
         body: the body that has moved.
-        graph: the statements of the map, with its earlier perceptions.
+        perceived: the earlier perceptions of the map.
         used_names: names that are taken.
     """
-    perceptions = PerceivedPoses(graph).perceptions_of(body.iri)
-    last = max((perception.time_s for perception in perceptions if isfinite(perception.time_s)), default=-1.0)
+    last = max((each.time_s for each in perceived.perceptions_of(body.iri) if isfinite(each.time_s)), default=-1.0)
     event, matrix = (part_name(body.iri, suffix, used_names) for suffix in ("perception", "matrix"))
     yield SubjectBlock(
         event,
@@ -575,7 +579,7 @@ def _attach_parts(normalizer: DialectNormalizer) -> None:
                     pairs[member, other] = None
                 if (
                     property in (HINGED_TO, PRISMATICALLY_CONNECTED_TO)
-                    and frozenset((member, other)) not in normalizer.joined_pairs
+                    and frozenset((member, other)) not in normalizer.joined_pairs | normalizer.carried_pairs
                 ):
                     problem = f"it is connected to {local_name(other)}, but no joint gives their motion"
                     normalizer.warn(member, property, problem, "they are attached rigidly")

@@ -60,6 +60,8 @@ class DialectNormalizer:
         self.sizes: dict[Iri, tuple[float, float, float]] = {}
         self.joined_pairs: set[frozenset[Iri]] = set(self._existing_joint_pairs())
         """Pairs of bodies that have a joint already, in either vocabulary."""
+        self.carried_pairs: set[frozenset[Iri]] = set()
+        """Pairs of bodies that move together, although the map has a joint between them."""
         self.movable: dict[Iri, None] = {}
         """Children of joints with a free or limited axis."""
         self._suppressed: set[tuple[str, str]] = set()

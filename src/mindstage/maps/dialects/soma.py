@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from mindstage.maps.dialects.conventions import QuaternionOrder
+from mindstage.maps.dialects.joint_ends import JointEnds
 from mindstage.maps.dialects.joints import (
     HingeEvidence,
     InferredAxis,
@@ -95,6 +96,7 @@ def add_joints(normalizer: DialectNormalizer, nodes: RdfNodes, number_reader: Nu
             elif not node.has(HAS_LINEAR):
                 reader.add_joint(owner, node)
     normalizer.record_inferred(reader.inferred, reader.evidence, of="those of ")
+    reader.ends.record_carried()
 
 
 class _SomaJointReader:
@@ -105,6 +107,7 @@ class _SomaJointReader:
         self.existing_pairs = frozenset(normalizer.joined_pairs)
         self.inferred: dict[str, list[Iri]] = {}
         self.evidence: list[str] = []
+        self.ends = JointEnds(normalizer)
         self._ancestor_cache: dict[tuple[Iri, ...], Sequence[Iri]] = {}
 
     def add_joint(self, owner: Iri, node: RdfNode) -> None:
@@ -120,6 +123,13 @@ class _SomaJointReader:
         if parent == child:
             self.normalizer.warn(owner, HAS_JOINT, "its joint connects it to itself", "the joint is kept as a fact")
             return
+        names = self._class_names(node)
+        joint_type = next((_JOINT_TYPES[name] for name in names if name in _JOINT_TYPES), None)
+        link, is_swapped = parent, False
+        if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC):
+            parent, child = self.ends.ordered(node.name, parent, child, property=HAS_JOINT, child=child)
+            is_swapped = child == link
+            parent, child = self.ends.carrier(joint_type, parent, child)
         if frozenset((parent, child)) in self.existing_pairs:
             return  # the joint is already given in the vocabulary of dialect 1
         if frozenset((parent, child)) in self.normalizer.joined_pairs:
@@ -127,8 +137,6 @@ class _SomaJointReader:
                 owner, HAS_JOINT, f"a second joint connects it to {local_name(child)}", "it is kept as a fact"
             )
             return
-        names = self._class_names(node)
-        joint_type = next((_JOINT_TYPES[name] for name in names if name in _JOINT_TYPES), None)
         if joint_type is None:
             problem = f"{', '.join(node.types()) or 'a joint without a class'} is an unknown type of joint"
             self.normalizer.warn(owner, HAS_JOINT, problem, "the two bodies are joined rigidly")
@@ -137,7 +145,10 @@ class _SomaJointReader:
             if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC) and _CONTINUOUS not in names
             else None
         )
-        joint = self._joint_limits(node, joint_type or JointType.FIXED, range, parent, child)
+        origin, axis = self._origin(node, self.normalizer.box(link)), self._axis(node, self.normalizer.box(link))
+        if axis is not None and is_swapped:
+            axis = -axis  # the map gives the motion of its child relative to its parent
+        joint = self._joint_limits(node, joint_type or JointType.FIXED, range, (parent, child), origin, axis)
         self.normalizer.add_joint(owner, parent, child, joint, name=node.name)
 
     def _referenced_iri(self, node: RdfNode, properties: Sequence[Iri]) -> Iri | None:
@@ -179,10 +190,16 @@ class _SomaJointReader:
         return found
 
     def _joint_limits(
-        self, node: RdfNode, joint_type: JointType, range: JointRange, parent: Iri, child: Iri
+        self,
+        node: RdfNode,
+        joint_type: JointType,
+        range: JointRange,
+        ends: tuple[Iri, Iri],
+        origin: Array | None,
+        axis: Array | None,
     ) -> JointLimits:
+        parent, child = ends
         base, moving, handle = self.normalizer.box(parent), self.normalizer.box(child), self._find_handle(child)
-        origin, axis = self._origin(node, base), self._axis(node, base)
         if joint_type in (JointType.REVOLUTE, JointType.PRISMATIC):
             for attribute, given in (("position", origin), ("axis", axis)):
                 if given is None and (axis is None or joint_type is JointType.REVOLUTE):

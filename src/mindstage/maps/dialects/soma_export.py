@@ -55,6 +55,7 @@ from mindstage.scene import (
     AxisMotion,
     BlankNode,
     Body,
+    BodyId,
     BodyPhysics,
     Color,
     FactValue,
@@ -249,6 +250,9 @@ class _SomaWriter:
         self.bodies = {body.id: body for body in world.bodies}
         self.parents = {attachment.child: attachment.parent for attachment in world.attachments}
         self.non_bodies = {each.iri for each in world.joints} | {each.iri for each in world.lights}
+        self.attached: dict[BodyId, list[Iri]] = {}
+        for each in world.attachments:
+            self.attached.setdefault(each.parent, []).append(self.bodies[each.child].iri)
         self.classes: list[SubjectBlock] = []
 
     def write(self) -> None:
@@ -291,8 +295,9 @@ class _SomaWriter:
     def _write_joint(self, joint: Joint) -> None:
         parent, child = self.bodies[joint.parent], self.bodies[joint.child]
         facts = self.blocks[parent.iri].facts
-        nodes = (fact.value.facts for fact in facts if fact.property == HAS_JOINT and isinstance(fact.value, BlankNode))
-        if any(PropertyAssertion(urdf("hasChildLink"), IriRef(child.iri)) in each for each in nodes):
+        # A map may name the two ends the other way round, or the handle in place of the drawer (see `joint_ends.py`).
+        carried = self.attached.get(joint.child, ())
+        if _has_joint_to(facts, child.iri) or _has_joint_to(self.blocks[child.iri].facts, parent.iri, *carried):
             return
         if (cls := self._joint_class(joint)) is not None:
             facts.append(PropertyAssertion(HAS_JOINT, joint_node(joint, cls, (parent.iri, child.iri), parent.pose)))
@@ -327,6 +332,13 @@ class _SomaWriter:
         self.classes.append(block)
         self.blocks[cls] = block
         return cls
+
+
+def _has_joint_to(facts: Sequence[PropertyAssertion], *children: Iri) -> bool:
+    """Whether one of the joints in the statements about a link has one of these links as its child."""
+    wanted = {PropertyAssertion(urdf("hasChildLink"), IriRef(child)) for child in children}
+    nodes = (fact.value.facts for fact in facts if fact.property == HAS_JOINT and isinstance(fact.value, BlankNode))
+    return any(not wanted.isdisjoint(node) for node in nodes)
 
 
 class SomaPoseWriter:

@@ -17,7 +17,7 @@ import msgspec
 
 from mindstage.maps.dialects.conventions import Assumption, UnitConventions
 from mindstage.maps.dialects.detection import read_world
-from mindstage.maps.dialects.knowrob1 import KNOWROB1_DIALECT, perception_blocks
+from mindstage.maps.dialects.knowrob1 import KNOWROB1_DIALECT, PerceivedPoses, perception_blocks
 from mindstage.maps.dialects.membership import individuals_by_map, is_membership
 from mindstage.maps.dialects.serialize import DocumentSection, SubjectBlock
 from mindstage.maps.dialects.soma_export import SOMA_DIALECT, SomaPoseWriter, write_as_soma
@@ -246,8 +246,9 @@ class _SourceDialectWriter:
             written = [body for body in moved if poses.write(body, blocks[body.iri].facts)]
         else:
             written = [body for body in moved if any(fact.property == HAS_POSE for fact in blocks[body.iri].facts)]
+            perceived = PerceivedPoses(self.source_map.graph)
             for body in written:
-                added += perception_blocks(body, self.source_map.graph, blocks)
+                added += perception_blocks(body, perceived, blocks)
         if written:
             blocks[self.world.iri].facts.append(PropertyAssertion(DIALECT, Literal(SAME_DIALECT)))
         return [*sections, DocumentSection("What Has Moved", added)]
