@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import NullEngine
     from mindstage.engines.mujoco import MujocoEngine
+    from mindstage.homes import generate_home
     from mindstage.imagination import evaluate_plan, try_first
     from mindstage.knowledge import KnowledgeBase
     from mindstage.pictures import shot
@@ -43,6 +44,7 @@ __all__ = [
     "connect",
     "diff",
     "evaluate_plan",
+    "generate_home",
     "load",
     "open",
     "save",
@@ -64,6 +66,7 @@ _MODULES = {
     "connect": "mindstage.api",
     "diff": "mindstage.api",
     "evaluate_plan": "mindstage.imagination",
+    "generate_home": "mindstage.homes",
     "load": "mindstage.api",
     "open": "mindstage.api",
     "save": "mindstage.api",
@@ -74,8 +77,8 @@ _MODULES = {
 
 
 _PACKAGES = (
-    *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "gym", "imagination", "knowledge"),
-    *("maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation", "textures", "viewer"),
+    *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "gym", "homes", "imagination"),
+    *("knowledge", "maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation", "textures", "viewer"),
 )
 """Those with a page in the reference."""
 

@@ -30,7 +30,10 @@ app: typer.Typer
 
 _ALIASES = {"analyse": "analyze", "furnish": "place"}
 """Former names of verbs, which are not listed in the help."""
-_GROUP_HELP = {"episode": "Describe, repair, export and import recorded episodes."}
+_GROUP_HELP = {
+    "episode": "Describe, repair, export and import recorded episodes.",
+    "generate": "Generate maps of places that exist nowhere.",
+}
 """Help texts of verbs with verbs of their own, such as `mindstage episode info`."""
 
 

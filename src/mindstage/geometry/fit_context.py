@@ -268,12 +268,20 @@ class Cavity:
 
 
 def cavity_of(context: SceneContext, row: int, neighborhood: Neighborhood) -> Cavity:
-    """Returns the contents of a body: free bodies, and bodies that are held inside of it."""
+    """Returns the contents of a body: free bodies, and bodies that are held inside of it.
+
+    What is in a drawer of the body is not among its contents: no shelf of the body carries it.
+    """
     half = context.boxes.half_extents[row]
     middle = (neighborhood.low + neighborhood.high) / 2
+    moving = [joint.moving_row for joint in context.joints.get(row, ()) if joint.fixed_row == row]
+    parts = np.isin(neighborhood.rows, moving)
+    low, high = neighborhood.low[parts], neighborhood.high[parts]
+    in_part = np.any(np.all((middle[:, None] > low) & (middle[:, None] < high), axis=2), axis=1) & ~parts
     is_inside = np.all(np.abs(middle) < half, axis=1)
     free = (
         is_inside
+        & ~in_part
         & context.is_free[neighborhood.rows]
         & (context.volume[neighborhood.rows] < _MAX_CONTENT_FRACTION * context.volume[row])
     )
