@@ -78,7 +78,8 @@ _MODULES = {
 
 _PACKAGES = (
     *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "gym", "homes", "imagination"),
-    *("knowledge", "maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation", "textures", "viewer"),
+    *("knowledge", "maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation"),
+    *("textures", "viewer"),
 )
 """Those with a page in the reference."""
 
