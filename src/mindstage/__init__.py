@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from mindstage.api import connect, diff, load, open, save, view  # noqa: A004
     from mindstage.engines import NullEngine
     from mindstage.engines.mujoco import MujocoEngine
-    from mindstage.homes import generate_home
+    from mindstage.homes import generate_home, write_home
     from mindstage.imagination import evaluate_plan, try_first
     from mindstage.knowledge import KnowledgeBase
     from mindstage.pictures import shot
@@ -51,6 +51,7 @@ __all__ = [
     "shot",
     "try_first",
     "view",
+    "write_home",
 ]
 
 __version__ = "0.1.0"
@@ -73,6 +74,7 @@ _MODULES = {
     "shot": "mindstage.pictures",
     "try_first": "mindstage.imagination",
     "view": "mindstage.api",
+    "write_home": "mindstage.homes",
 }
 
 

@@ -9,9 +9,11 @@ import typer
 
 from mindstage.cli.options import AsJson, ExitCode
 from mindstage.cli.output import print_json, print_line
-from mindstage.homes.styles import HomePart, HomeStyle
+from mindstage.homes.styles import HomeDialect, HomePart, HomeStyle
 
 __all__ = ["home"]
+
+_XML_SUFFIXES = (".owl", ".rdf", ".xml")
 
 
 def home(
@@ -35,14 +37,42 @@ def home(
     without: Annotated[
         list[HomePart] | None, typer.Option("--without", help="What is left out; may be repeated.", show_default=False)
     ] = None,
+    dialect: Annotated[
+        HomeDialect | None,
+        typer.Option(
+            "--dialect",
+            help="The dialect of an older program, with its habits, as RDF/XML.",
+            show_default="Mindstage's",
+        ),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option(
+            "--truth", metavar="FILE", help="JSON of what the dialect hides: boxes, pivots, joints.", show_default=False
+        ),
+    ] = None,
     as_json: AsJson = False,
 ) -> ExitCode:
     """Generate a furnished place whose doors and drawers open; equal options give equal files."""
-    from mindstage.homes import generate_home
+    from mindstage.errors import InvalidArgumentError
+    from mindstage.files import atomic_write
+    from mindstage.homes import generate_home, write_home
     from mindstage.maps import save_map
 
+    if truth is not None and dialect is None:
+        cause = "a map in Mindstage's own dialect hides nothing"
+        raise InvalidArgumentError("--truth", cause=cause, remedy="omit it, or name a --dialect")
+    if dialect is not None and out.suffix not in _XML_SUFFIXES:
+        remedy = f"end its name with {', '.join(_XML_SUFFIXES)}"
+        raise InvalidArgumentError("--out", cause=f"{out.name} cannot be in this dialect", remedy=remedy)
     world = generate_home(seed=seed, style=style, size=size, rooms=rooms, clutter=clutter, without=without or ())
-    save_map(world, out)
+    if dialect is None:
+        save_map(world, out)
+    else:
+        written = write_home(world, dialect=dialect)
+        atomic_write(out, written.text.encode())
+        if truth is not None:
+            atomic_write(truth, written.truth.encode())
     if as_json:
         counts = {"bodies": len(world.bodies), "joints": len(world.joints)}
         print_json({"map": world.iri, "out": str(out), "seed": seed, "style": style, **counts})
