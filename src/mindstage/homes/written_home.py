@@ -458,12 +458,13 @@ class _SemlogWriter(_Writer):
 
 
 class _EarlySemlogWriter(_SemlogWriter):
-    """What actors do stands in tags, and nearly all of them are called dynamic."""
+    """Mobility stands in tags, and most of what is static is called dynamic."""
 
     is_early = True
 
     def tags(self, actor: _Actor) -> str:
-        mobility = "Static" if _draw(actor.name, 12) == 0 else "Dynamic"
+        is_static = actor.body.physics.mobility is Mobility.STATIC and _draw(actor.name, 4) == 0
+        mobility = "Static" if is_static else "Dynamic"
         return self.tagged(f"Class,{actor.cls};Id,{actor.name};Mobility,{mobility};")
 
 
