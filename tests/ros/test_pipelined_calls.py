@@ -13,7 +13,7 @@ from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import NullEngine
 from mindstage.engines.base import Applied
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.engines.mujoco import engine as mujoco_engine
+from mindstage.engines.mujoco import model_cache, model_files
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface
 from mindstage.scene import BodyId
@@ -56,13 +56,14 @@ def raw_client(server: RosbridgeServer, ros_interface: RosInterface) -> Iterator
 def rebuilds(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The number of bodies of each model that is compiled."""
     counts: list[int] = []
-    compile_model = mujoco_engine.compile_model
+    compile_model = model_cache.compile_model
 
     def counting(model_input: Any, **options: Any) -> Any:
         counts.append(len(model_input.bodies))
         return compile_model(model_input, **options)
 
-    monkeypatch.setattr(mujoco_engine, "compile_model", counting)
+    for module in (model_cache, model_files):  # one for models that are not stored, one for those that are
+        monkeypatch.setattr(module, "compile_model", counting)
     return counts
 
 

@@ -19,6 +19,7 @@ from mindstage.homes.household import MS, household
 from mindstage.homes.rooms import Room, RoomKind, build_rooms
 from mindstage.homes.scenery import Frame, Scenery
 from mindstage.homes.styles import HomePart, HomeStyle
+from mindstage.ranges import Seed, checked
 from mindstage.scene import Iri, IriRef, Literal, NamedResource, PropertyAssertion, World
 
 __all__ = ["GENERATOR_VERSION", "generate_home"]
@@ -51,9 +52,10 @@ _AREAS_M2 = {
 }
 
 
+@checked
 def generate_home(
     *,
-    seed: Annotated[int, Meta(ge=0)] = 0,
+    seed: Seed = 0,
     style: HomeStyle | str = HomeStyle.KITCHEN,
     size: Annotated[float, Meta(ge=0.8, le=3.0)] = 1.0,
     rooms: Annotated[int, Meta(ge=1, le=24)] | None = None,
@@ -71,14 +73,11 @@ def generate_home(
         without: what is left out.
 
     Raises:
-        InvalidArgumentError: the style or what is left out is unknown, or a number is beyond its range.
+        InvalidArgumentError: the style or what is left out is unknown.
+        NumberRefusedError: a number is beyond its range.
     """
     style = _word(HomeStyle, style, "style")
     left_out = frozenset(str(_word(HomePart, each, "without")) for each in without)
-    limits = (("seed", seed, 0, 2**63), ("size", size, 0.8, 3.0), ("rooms", rooms, 1, 24), ("clutter", clutter, 0, 3))
-    for name, value, low, high in limits:
-        if value is not None and not low <= value <= high:
-            raise InvalidArgumentError(name, cause=f"{value} is not between {low} and {high}")
     count = rooms or _DEFAULT_ROOM_COUNT[style]
     namespace = f"http://mindstage.org/homes/{style}_{seed}.owl#"
     arguments = f"{style}/{seed}/{size}/{count}/{clutter}/{'+'.join(sorted(left_out))}"

@@ -168,7 +168,7 @@ def joined_words(words: tuple[str, ...], known: Container[str]) -> tuple[str, ..
     for length in range(len(words), 1, -1):
         for start in range(len(words) - length + 1):
             run = words[start : start + length]
-            for text in ("".join(run), " ".join(run)):
+            for text in (" ".join(run), "".join(run)):
                 if any(form in known for form in singular_forms(text)):
                     return (*joined_words(words[:start], known), text, *joined_words(words[start + length :], known))
     return words

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache, lru_cache
 from hashlib import blake2b
+from itertools import takewhile
 from pathlib import Path
 
 import msgspec
@@ -510,12 +511,15 @@ def _encloses(body: Body, geometry: BodyGeometry | None) -> bool:
     ) > _MAX_FURNITURE_M
 
 
+_PREPOSITIONS = frozenset({"of", "in", "on", "at", "for", "with", "from", "to", "by"})
+
+
 def _class_nouns(cls: Iri, ancestors: tuple[Iri, ...]) -> Iterator[str]:
     """The nouns of a class: the last words of its name and of those of its superclasses, in the singular."""
     for name in (cls, *ancestors):
         parts = name_tokens(name)
-        # A WallOfAConstruction is a wall, a WallClock is not.
-        ends = parts[: parts.index("of")] if "of" in parts else parts
+        # A WallOfAConstruction is a wall, a WallClock is not, and a ShelfInABuilding is no building.
+        ends = [*takewhile(lambda part: part not in _PREPOSITIONS, parts)]
         for word in ends[-1:]:
             yield from singular_forms(word)
 
