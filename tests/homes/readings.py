@@ -87,7 +87,7 @@ def _compare_joints(world: World, truth: dict[str, Any], found: Counter[str]) ->
     joints = {frozenset((by_id[each.parent].iri, by_id[each.child].iri)): each for each in world.joints}
     namespace = world.bodies[0].iri.rpartition("#")[0]
     for true in truth["joints"].values():
-        joint = joints.get(frozenset(f"{namespace}#{true[end]}" for end in ("holder", "moving")))
+        joint = joints.get(frozenset(f"{namespace}#{true[end]}" for end in ("base", "moving")))
         if joint is None:
             found["joint missing"] += 1
             continue

@@ -88,9 +88,9 @@ def test_joints_are_those_of_the_home(dialect: HomeDialect, seed: int) -> None:
     for name, (ends, origin, axis, travel) in stated.joints.items():
         true = truth["joints"][name]
         joint = next(each for each in home(seed).joints if each.id == true["id"])
-        names = {truth["bodies"][end]["id"] for end in (true["holder"], true["moving"])}
+        names = {truth["bodies"][end]["id"] for end in (true["base"], true["moving"])}
         assert names == {joint.parent, joint.child}
-        pair = {true["holder"], true["moving"]}
+        pair = {true["base"], true["moving"]}
         assert ends == pair or (dialect == "soma" and ends == {true["moving"], handles.get(true["moving"])})
         if origin is not None:
             np.testing.assert_allclose(origin, joint.pose.position, atol=2e-6)
@@ -106,7 +106,7 @@ def test_fronts_open_outwards_along_the_true_axis() -> None:
     """The middle of a front, moved by a tenth of its travel, is farther from the middle of its case."""
     _, truth, _ = written(HomeDialect.SEMLOG, 1)
     for joint in truth["joints"].values():
-        front, case = (truth["bodies"][joint[end]] for end in ("moving", "holder"))
+        front, case = (truth["bodies"][joint[end]] for end in ("moving", "base"))
         center, axis = np.array(front["center"]), np.array(joint["axis"])
         motion = axis if joint["kind"] == "slide" else np.cross(axis, center - joint["origin"])
         if front["class"].endswith(("Drawer", "CupboardDoor", "ApplianceDoor")):
@@ -240,7 +240,7 @@ def test_a_misreading_is_counted(tmp_path: Path) -> None:
     before = misreadings(world, truth)
     body, joint = next(iter(truth["bodies"].values())), next(iter(truth["joints"].values()))
     body["center"][0] += 0.02
-    joint["moving"], joint["holder"] = joint["holder"], joint["moving"]
+    joint["moving"], joint["base"] = joint["base"], joint["moving"]
     after = misreadings(world, truth)
     assert after["center off by 1 cm"] == before["center off by 1 cm"] + 1
     assert after["ends exchanged"] == before["ends exchanged"] + 1

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mindstage.cli.options import AsJson, ExitCode
 from mindstage.cli.output import print_json, print_line
 from mindstage.homes.styles import HomeDialect, HomePart, HomeStyle
+
+if TYPE_CHECKING:
+    from mindstage.scene import World
 
 __all__ = ["home"]
 
@@ -54,10 +57,26 @@ def home(
     as_json: AsJson = False,
 ) -> ExitCode:
     """Generate a furnished place whose doors and drawers open; equal options give equal files."""
+    from mindstage.homes import generate_home
+
+    _check_files(out, dialect, truth)
+    world = generate_home(seed=seed, style=style, size=size, rooms=rooms, clutter=clutter, without=without or ())
+    _write(world, out, dialect, truth)
+    if as_json:
+        counts = {"bodies": len(world.bodies), "joints": len(world.joints)}
+        print_json({"map": world.iri, "out": str(out), "seed": seed, "style": style, **counts})
+    else:
+        print_line(f"{len(world.bodies)} bodies, {len(world.joints)} joints → {out}")
+    return ExitCode.OK
+
+
+def _check_files(out: Path, dialect: HomeDialect | None, truth: Path | None) -> None:
+    """Raises an error if a file cannot be written.
+
+    Raises:
+        InvalidArgumentError: there is a truth without a dialect, or the name of the map is not one of RDF/XML.
+    """
     from mindstage.errors import InvalidArgumentError
-    from mindstage.files import atomic_write
-    from mindstage.homes import generate_home, write_home
-    from mindstage.maps import save_map
 
     if truth is not None and dialect is None:
         cause = "a map in Mindstage's own dialect hides nothing"
@@ -65,17 +84,17 @@ def home(
     if dialect is not None and out.suffix not in _XML_SUFFIXES:
         remedy = f"end its name with {', '.join(_XML_SUFFIXES)}"
         raise InvalidArgumentError("--out", cause=f"{out.name} cannot be in this dialect", remedy=remedy)
-    world = generate_home(seed=seed, style=style, size=size, rooms=rooms, clutter=clutter, without=without or ())
+
+
+def _write(world: World, out: Path, dialect: HomeDialect | None, truth: Path | None) -> None:
+    from mindstage.files import atomic_write
+    from mindstage.homes import write_home
+    from mindstage.maps import save_map
+
     if dialect is None:
         save_map(world, out)
-    else:
-        written = write_home(world, dialect=dialect)
-        atomic_write(out, written.text.encode())
-        if truth is not None:
-            atomic_write(truth, written.truth.encode())
-    if as_json:
-        counts = {"bodies": len(world.bodies), "joints": len(world.joints)}
-        print_json({"map": world.iri, "out": str(out), "seed": seed, "style": style, **counts})
-    else:
-        print_line(f"{len(world.bodies)} bodies, {len(world.joints)} joints → {out}")
-    return ExitCode.OK
+        return
+    written = write_home(world, dialect=dialect)
+    atomic_write(out, written.text.encode())
+    if truth is not None:
+        atomic_write(truth, written.truth.encode())

@@ -36,7 +36,6 @@ __all__ = ["WrittenHome", "write_home"]
 _AXES = {"x": 0, "y": 1, "z": 2, "twist": 0, "swing2": 1, "swing1": 2}
 """The axis of the joint frame that a degree of freedom moves along or about."""
 _ROLL = (sqrt(0.5), sqrt(0.5), 0.0, 0.0)
-_FIXED_MOTION, _LIMITED_MOTION = 2, 1
 _DEFAULT_SWING_RAD = 0.785398
 """What SemLog states for axes that are locked."""
 _SOMA_CLASSES = {
@@ -64,7 +63,7 @@ class WrittenHome:
 
     `bodies` have `id` (in the home), `class`, `size` (along the axes of the mesh [m]), `center` [m] and `quaternion`
     (w x y z) of the box, `pivot` (the origin of the mesh, from the center and along its axes [m]), `mobility`, `mass`
-    ([kg] or null) and `attached_to`. `joints` have `id`, `kind` (slide or hinge), `holder` and `moving` (the door or
+    ([kg] or null) and `attached_to`. `joints` have `id`, `kind` (slide or hinge), `base` and `moving` (the door or
     the drawer), `origin` [m], `axis` (of unit length; positive motions open) and `travel` ([m] or [rad]), all in the
     frame of the home. `size_frame` is `world` where classes have the world-aligned bounds of their first individual.
     """
@@ -123,7 +122,7 @@ class _Front:
 
     joint: Joint
     name: str
-    holder: _Actor
+    base: _Actor
     moving: _Actor
     motion: str
     """The field of the joint's limits that is not locked."""
@@ -175,7 +174,7 @@ class _Writer:
             front.name: {
                 "id": front.joint.id,
                 "kind": "slide" if front.slides else "hinge",
-                "holder": front.holder.name,
+                "base": front.base.name,
                 "moving": front.moving.name,
                 "origin": front.joint.pose.position,
                 "axis": _rounded(front.axis, 9),
@@ -268,16 +267,16 @@ class _Writer:
         middle = getattr(limits[motions[0]], f"{motions[0]}_middle")
         unit = [0.0, 0.0, 0.0]
         unit[_AXES[motions[0]]] = 1.0 if middle >= 0 else -1.0
-        holder, moving = self.actors[joint.parent], self.actors[joint.child]
+        base, moving = self.actors[joint.parent], self.actors[joint.child]
         return _Front(
             joint=joint,
             name=self.name_of(joint.id),
-            holder=holder,
+            base=base,
             moving=moving,
             motion=motions[0],
             axis=_moved((0.0, 0.0, 0.0), joint.pose.quaternion, (unit[0], unit[1], unit[2])),
             travel=round(2 * abs(middle), 6),
-            stated=(moving, holder) if _draw(joint.iri, 4) == 0 else (holder, moving),
+            stated=(moving, base) if _draw(joint.iri, 4) == 0 else (base, moving),
         )
 
 
@@ -437,7 +436,7 @@ class _SemlogWriter(_Writer):
             *(self.link(f"knowrob:{name}", self.name_of(part)) for name, part in parts.items()),
         )
         yield self.pose(f"{id}/pose", front.joint.pose.position, front.joint.pose.quaternion)
-        motions = {name: _LIMITED_MOTION if name == front.motion else _FIXED_MOTION for name in _AXES}
+        motions = {name: 1 if name == front.motion else 2 for name in _AXES}  # limited, locked
         yield _individual(
             self.name_of(parts["linearConstraint"]),
             _type("&knowrob;LinearConstraint"),
@@ -480,7 +479,7 @@ class _AmevaWriter(_SemlogWriter):
         self.size_frame = "body" if self.is_recent else "world"
         self.fronts_of: dict[BodyId, list[_Front]] = {}
         for front in self.fronts:
-            self.fronts_of.setdefault(front.holder.body.id, []).append(front)
+            self.fronts_of.setdefault(front.base.body.id, []).append(front)
         self.front_by_body = {front.moving.body.id: front for front in self.fronts}
         self.masses = {actor.cls: actor.body.physics.mass_kg for actor in self.actors.values()}
 
@@ -498,7 +497,7 @@ class _AmevaWriter(_SemlogWriter):
             yield self.link("knowrob:child", front.moving.name)
         if own := self.front_by_body.get(actor.body.id):
             yield self.link("knowrob:child", own.name)
-            yield self.link("knowrob:parent", own.holder.name)
+            yield self.link("knowrob:parent", own.base.name)
         yield from super().links(actor)
 
     def physics(self, actor: _Actor) -> Iterator[str]:
@@ -601,7 +600,7 @@ class _Knowrob1Writer(_Writer):
         for child in self.children.get(id, ()):
             yield _reference("properPhysicalParts", child.name)
         for front in self.fronts:
-            if front.holder is actor:
+            if front.base is actor:
                 yield _reference("properPhysicalParts", front.moving.name)
                 yield _reference("properPhysicalParts", front.name)
             if front.stated[0] is actor:
@@ -741,7 +740,7 @@ class _SomaWriter(_Writer):
         for child in children:
             yield self._link("SOMA:hasPhysicalComponent", child)
         for front in self.fronts:
-            if front.holder is actor:
+            if front.base is actor:
                 if not front.slides:
                     yield self._link("knowrob:hingedTo", front.moving)
                 yield self._link("SOMA:hasPhysicalComponent", front.moving)
