@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from mindstage.homes import HomeDialect, WrittenHome, generate_home, write_home
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import AxisMotion, Joint, World
+from mindstage.scene import AxisMotion, Iri, Joint, World
 from mindstage.scene.joint_kinematics import axis_ranges, handles_by_body, moving_body, outward_joints
 
 __all__ = ["KINDS", "misreadings", "read_world", "rotation"]
@@ -87,7 +87,7 @@ def _compare_joints(world: World, truth: dict[str, Any], found: Counter[str]) ->
     joints = {frozenset((by_id[each.parent].iri, by_id[each.child].iri)): each for each in world.joints}
     namespace = world.bodies[0].iri.rpartition("#")[0]
     for true in truth["joints"].values():
-        joint = joints.get(frozenset(f"{namespace}#{true[end]}" for end in ("base", "moving")))
+        joint = joints.get(frozenset(Iri(f"{namespace}#{true[end]}") for end in ("base", "moving")))
         if joint is None:
             found["joint missing"] += 1
             continue
@@ -125,7 +125,7 @@ def _compare_motion(joint: Joint, true: dict[str, Any], found: Counter[str], *, 
 
 def rotation(quaternion: Any) -> np.ndarray:
     """The matrix of a quaternion w x y z."""
-    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    return np.asarray(Rotation.from_quat(quaternion, scalar_first=True).as_matrix())
 
 
 def _main(seeds: list[int]) -> None:
