@@ -39,6 +39,7 @@ NOT_STATED = {
     HomeDialect.SEMLOG_2018: {"mobility", "mass"},
     HomeDialect.KNOWROB1: {"mobility", "mass"},
     HomeDialect.SOMA: {"mobility", "mass"},
+    HomeDialect.SOMA_URDF: {"mobility"},
 }
 """What a dialect does not state, so that a reader cannot misread it."""
 _TOLERANCE_M = 0.01
@@ -51,7 +52,9 @@ def read_world(home: WrittenHome, folder: Path) -> World:
     path = folder / "home.owl"
     path.write_text(home.text, encoding="utf-8")
     knowledge = KnowledgeBase()
-    knowledge.load(path)
+    description = folder / "home.urdf"
+    description.write_text(home.urdf, encoding="utf-8")
+    knowledge.load(path, urdf=description if home.urdf else ())
     return knowledge.world()
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import mujoco
 import numpy as np
 import pytest
 from rdflib import RDF, Graph
@@ -29,7 +30,12 @@ from tests.homes.readings import KINDS, misreadings, read_world, rotation
 __all__ = ["run"]
 
 LOGGED = (HomeDialect.SEMLOG, HomeDialect.SEMLOG_2018, HomeDialect.AMEVA)
-HOMES = [(dialect, seed) for dialect in HomeDialect for seed in ((1, 2) if dialect is HomeDialect.AMEVA else (1,))]
+HOMES = [
+    (dialect, seed)
+    for dialect in HomeDialect
+    if dialect != "soma-urdf"
+    for seed in ((1, 2) if dialect is HomeDialect.AMEVA else (1,))
+]
 """AMEVA has two generations of maps, of which these seeds give one each."""
 
 
@@ -120,6 +126,35 @@ def test_logged_maps_have_opaque_ids_and_pivots_of_meshes(dialect: HomeDialect) 
     assert sum(pivot != {(0.0, 0.0, 0.0)} for pivot in pivots.values()) > 30
 
 
+def test_a_description_has_the_poses_and_joints_as_mujoco_reads_them() -> None:
+    made = write_home(home(1), dialect=HomeDialect.SOMA_URDF)
+    truth = json.loads(made.truth)
+    assert "translation" not in made.text
+    loose = [true for true in truth["bodies"].values() if true["mobility"] == "dynamic"]
+    assert made.urdf.count('"floating"') == len(loose) - len(truth["joints"]), "what is loose is not attached"
+    text = made.urdf.replace('"floating"', '"fixed"')  # MuJoCo has free joints at the root only
+    option = '<mujoco><compiler fusestatic="false"/></mujoco><link name="home_root"/>'
+    model = mujoco.MjModel.from_xml_string(text.replace('<link name="home_root"/>', option))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for true in truth["bodies"].values():
+        geom = int(model.body_geomadr[model.body(f"{true['id']}_link").id])
+        np.testing.assert_allclose(data.geom_xpos[geom], true["center"], atol=1e-5)
+        bounds = np.abs(data.geom_xmat[geom].reshape(3, 3)) @ model.geom_size[geom] * 2
+        np.testing.assert_allclose(bounds, np.abs(rotation(true["quaternion"])) @ true["size"], atol=1e-5)
+    for name, true in truth["joints"].items():
+        joint = model.joint(name).id
+        bodies = [
+            model.body(int(model.jnt_bodyid[joint])),
+            model.body(int(model.body_parentid[model.jnt_bodyid[joint]])),
+        ]
+        ends = [f"{truth['bodies'][true[end]]['id']}_link" for end in ("moving", "base")]
+        assert [each.name for each in bodies] == ends
+        np.testing.assert_allclose(data.xanchor[joint], true["origin"], atol=1e-5)
+        np.testing.assert_allclose(data.xaxis[joint], true["axis"], atol=1e-5)
+        np.testing.assert_allclose(model.jnt_range[joint], (0.0, true["travel"]), atol=1e-5)
+
+
 def test_one_of_four_joints_has_its_roles_exchanged() -> None:
     result, truth, _ = written(HomeDialect.SEMLOG, 1)
     parents = re.findall(r'Constraint"/>\s*<knowrob:parent rdf:resource="&home;([\w-]+)"', result.text)
@@ -151,13 +186,15 @@ def test_equal_homes_give_equal_bytes_in_another_process() -> None:
         "home = generate_home(seed=1, clutter=0.1)\n"
         "for dialect in HomeDialect:\n"
         "    made = write_home(home, dialect=dialect)\n"
-        "    print(sha256((made.text + made.truth).encode()).hexdigest())"
+        "    print(sha256((made.text + made.truth + made.urdf).encode()).hexdigest())"
     )
     environment = {**os.environ, "PYTHONHASHSEED": "3"}
     result = subprocess.run(
         [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
     )
-    assert result.stdout.split() == [sha256((each.text + each.truth).encode()).hexdigest() for each in expected]
+    assert result.stdout.split() == [
+        sha256((each.text + each.truth + each.urdf).encode()).hexdigest() for each in expected
+    ]
 
 
 KINDS_OF_SUBJECTS = {
@@ -249,6 +286,8 @@ def test_the_verb_writes_a_dialect_and_its_truth(run: Run, tmp_path: Path) -> No
     assert out.read_text(encoding="utf-8") == expected.text
     assert truth.read_text(encoding="utf-8") == expected.truth
     assert run(*arguments, "--truth", truth).exit_code != 0
+    assert run(*arguments, "--dialect", "soma-urdf").exit_code == 0
+    assert out.with_suffix(".urdf").read_text(encoding="utf-8").startswith("<?xml")
     assert run("generate", "home", "-o", tmp_path / "home.ttl", "--dialect", "soma").exit_code != 0
 
 

@@ -96,5 +96,7 @@ def _write(world: World, out: Path, dialect: HomeDialect | None, truth: Path | N
         return
     written = write_home(world, dialect=dialect)
     atomic_write(out, written.text.encode())
+    if written.urdf:
+        atomic_write(out.with_suffix(".urdf"), written.urdf.encode())
     if truth is not None:
         atomic_write(truth, written.truth.encode())

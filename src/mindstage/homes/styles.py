@@ -42,3 +42,5 @@ class HomeDialect(StrEnum):
     """Perceptions with 4 x 4 matrices, sizes of individuals, joints from a lower to an upper value."""
     SOMA = "soma"
     """Nested nodes, quaternions x y z w, limits of classes of joints, joints without axes and positions."""
+    SOMA_URDF = "soma-urdf"
+    """Classes, parts and names of links; poses and joints are in a URDF file beside it."""

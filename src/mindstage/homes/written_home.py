@@ -12,7 +12,7 @@ from base64 import urlsafe_b64encode
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from hashlib import sha256
-from math import sqrt
+from math import atan2, sqrt
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.homes.household import KNOWROB, household
@@ -67,6 +67,8 @@ class WrittenHome:
     the drawer), `origin` [m], `axis` (of unit length; positive motions open) and `travel` ([m] or [rad]), all in the
     frame of the home. `size_frame` is `world` where classes have the world-aligned bounds of their first individual.
     """
+    urdf: str = ""
+    """The robot description that the map needs, if any."""
 
 
 def write_home(home: World, *, dialect: HomeDialect | str = HomeDialect.SEMLOG) -> WrittenHome:
@@ -91,6 +93,7 @@ def write_home(home: World, *, dialect: HomeDialect | str = HomeDialect.SEMLOG) 
         HomeDialect.AMEVA: _AmevaWriter,
         HomeDialect.KNOWROB1: _Knowrob1Writer,
         HomeDialect.SOMA: _SomaWriter,
+        HomeDialect.SOMA_URDF: _LinkedSomaWriter,
     }[dialect](home, dialect).write()
 
 
@@ -189,7 +192,11 @@ class _Writer:
             "bodies": bodies,
             "joints": joints,
         }
-        return WrittenHome(text="".join(self.lines()), truth=json.dumps(truth, indent=1) + "\n")
+        return WrittenHome(text="".join(self.lines()), truth=json.dumps(truth, indent=1) + "\n", urdf=self.urdf())
+
+    def urdf(self) -> str:
+        """The robot description beside the file."""
+        return ""
 
     def lines(self) -> Iterator[str]:
         """The text of the file."""
@@ -764,6 +771,71 @@ class _SomaWriter(_Writer):
         return f'<{property} rdf:resource="&map;{actor.name}"/>'
 
 
+class _LinkedSomaWriter(_SomaWriter):
+    """Individuals name links; the frame of a front's link is at its joint, that of other links at the box's center."""
+
+    def lines(self) -> Iterator[str]:
+        yield _SOMA_HEAD.format(namespace=self.namespace, base=self.namespace.removesuffix("#"))
+        for actor in self.actors.values():
+            id = actor.body.id
+            parts = [front.moving for front in self.fronts if front.base is actor] + self.children.get(id, [])
+            statements = (
+                _type(self._class_iri(actor.body)),
+                _literal("urdf:hasBaseLinkName", f"{id}_link", "string"),
+                *(self._link("SOMA:hasPhysicalComponent", part) for part in parts),
+            )
+            lines = "".join(f"        {statement}\n" for statement in statements)
+            yield f'\n    <owl:NamedIndividual rdf:about="&map;{actor.name}">\n{lines}    </owl:NamedIndividual>\n'
+        yield "</rdf:RDF>\n"
+
+    def urdf(self) -> str:
+        fronts = {front.moving.body.id: front for front in self.fronts}
+        links = ['<?xml version="1.0"?>\n<robot name="home">\n  <link name="home_root"/>\n']
+        for id, actor in self.actors.items():
+            parent = fronts[id].base if id in fronts else self.parents.get(id)
+            links += (_urdf_link(actor, fronts.get(id)), _urdf_joint(actor, parent, fronts))
+        return "".join(links) + "</robot>\n"
+
+
+def _link_origin(actor: _Actor, front: _Front | None) -> Vector:
+    return front.joint.pose.position if front else actor.body.pose.position
+
+
+def _urdf_link(actor: _Actor, front: _Front | None) -> str:
+    center = _relative(actor.body.pose.position, _link_origin(actor, front), actor.quaternion)
+    box = f'<origin xyz="{_row(center)}" rpy="0 0 0"/><geometry><box size="{_row(actor.size)}"/></geometry>'
+    inertial, mass = "", actor.body.physics.mass_kg
+    if mass:
+        depth, width, height = (mass * extent**2 / 12 for extent in actor.size)
+        moments = {"ixx": width + height, "iyy": depth + height, "izz": depth + width, "ixy": 0, "ixz": 0, "iyz": 0}
+        inertia = " ".join(f'{name}="{value:.9f}"' for name, value in moments.items())
+        at = f'<origin xyz="{_row(center)}" rpy="0 0 0"/>'
+        inertial = f'<inertial>{at}<mass value="{_number(mass)}"/><inertia {inertia}/></inertial>'
+    shapes = f"<visual>{box}</visual><collision>{box}</collision>"
+    return f'  <link name="{actor.body.id}_link">{inertial}{shapes}</link>\n'
+
+
+def _urdf_joint(actor: _Actor, parent: _Actor | None, fronts: dict[BodyId, _Front]) -> str:
+    body, front = actor.body, fronts.get(actor.body.id)
+    base: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    name, origin = "home_root", (0.0, 0.0, 0.0)
+    if parent is not None:
+        base, name = parent.quaternion, f"{parent.body.id}_link"
+        origin = _link_origin(parent, fronts.get(parent.body.id))
+    kind, motion = "floating" if body.physics.is_dynamic else "fixed", ""
+    if front is not None:
+        axis = _relative(front.axis, (0.0, 0.0, 0.0), actor.quaternion)
+        kind = "prismatic" if front.slides else "revolute"
+        motion = (
+            f'<axis xyz="{_row(axis)}"/><limit lower="0" upper="{_number(front.travel)}" effort="100" velocity="1"/>'
+        )
+    at = _row(_relative(_link_origin(actor, front), origin, base))
+    yaw = 2 * (atan2(actor.quaternion[3], actor.quaternion[0]) - atan2(base[3], base[0]))
+    ends = f'<parent link="{name}"/><child link="{body.id}_link"/><origin xyz="{at}" rpy="0 0 {yaw:.9f}"/>'
+    joint = front.joint.id if front else f"{body.id}_joint"
+    return f'  <joint name="{joint}" type="{kind}">{ends}{motion}</joint>\n'
+
+
 def _joint_class(name: str, kind: str, travel: float) -> str:
     limits = _nested(
         "owl:hasValue",
@@ -870,6 +942,13 @@ def _size_of(body: Body) -> Vector:
 def _product(one: Quaternion, other: Quaternion) -> Quaternion:
     w, x, y, z = map(float, quat_multiply(one, other))
     return w, x, y, z
+
+
+def _relative(position: Vector, origin: Vector, quaternion: Quaternion) -> Vector:
+    """A position in the frame at an origin."""
+    w, x, y, z = quaternion
+    offset = (position[0] - origin[0], position[1] - origin[1], position[2] - origin[2])
+    return _moved((0.0, 0.0, 0.0), (w, -x, -y, -z), offset)
 
 
 def _moved(position: Vector, quaternion: Quaternion, offset: Vector) -> Vector:
