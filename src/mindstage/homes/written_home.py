@@ -132,7 +132,7 @@ class _Front:
     axis: Vector
     travel: float
     stated: tuple[_Actor, _Actor]
-    """Parent and child in the file; in one of four files' joints they are exchanged."""
+    """Parent and child in the file; those of one joint of four are exchanged."""
 
     @property
     def slides(self) -> bool:
@@ -223,13 +223,12 @@ class _Writer:
         """The actors; those of a class and a size have the same mesh."""
         if not self.is_logged:
             for body in self.home.bodies:
-                at = self.class_of(body), _size_of(body), body.pose.quaternion
                 yield _Actor(
                     body=body,
                     name=self.name_of(body.id),
-                    cls=at[0],
-                    size=at[1],
-                    quaternion=at[2],
+                    cls=self.class_of(body),
+                    size=_size_of(body),
+                    quaternion=body.pose.quaternion,
                     pivot=(0.0, 0.0, 0.0),
                 )
             return
