@@ -171,7 +171,7 @@ def test_every_method_of_an_engine_has_a_service() -> None:
     for name in services.values():
         assert name in mindstage_msgs.__all__
     local = {"statistics", "fork", "contacts", "scale dynamics"}
-    assert {ability.value for ability in Capability} - local == {"save", "joints", "actuators"}
+    assert {ability.value for ability in Capability} - local == {"save", "joints", "actuators", "kinematic velocities"}
 
 
 # -- errors ------------------------------------------------------------------------------------------------------------

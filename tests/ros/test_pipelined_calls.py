@@ -12,8 +12,7 @@ import pytest
 from mindstage.bridge import LocalNode, RosbridgeServer
 from mindstage.engines import NullEngine
 from mindstage.engines.base import Applied
-from mindstage.engines.mujoco import MujocoEngine
-from mindstage.engines.mujoco import model_cache, model_files
+from mindstage.engines.mujoco import MujocoEngine, model_cache, model_files
 from mindstage.knowledge import KnowledgeBase
 from mindstage.ros import RosInterface
 from mindstage.scene import BodyId
