@@ -220,6 +220,25 @@ def test_what_leaves_its_only_region_meets_what_is_fixed_far_away() -> None:
     assert len(engine._cache.regions[0].compiled.rows) < 30
 
 
+def test_what_is_put_elsewhere_stands_on_what_is_there_at_once() -> None:
+    """Its region had nothing of that place."""
+    platforms = [body(f"platform{n}", (10.0 * n, 0, 0.45), (8.0, 8.0, 0.1)) for n in range(5)]
+    boxes = [
+        body(f"box{n}.{k}", (10.0 * n + 0.5 * k, 1.0, 0.6), (0.2, 0.2, 0.2), "dynamic", 1.0)
+        for n in range(5)
+        for k in range(6)
+    ]
+    engine = engine_of(world(*platforms, *boxes))
+    engine.step(3.0)
+    assert engine.stats().awake == 0
+    engine.apply(SetPoses({BodyId("box0.0"): Pose((40.0, -2.0, 0.6))}))
+    lowest = 1.0
+    for _ in range(100):
+        engine.step(0.01)
+        lowest = min(lowest, float(current_pose(engine, "box0.0")[2]))
+    assert lowest > 0.598
+
+
 def test_a_kinematic_tray_carries_its_load_through_many_regions() -> None:
     boxes = [
         body(f"box{n}", (0.5 * n, y, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(20) for y in (-1.0, 1.0)
