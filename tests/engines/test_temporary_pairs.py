@@ -12,7 +12,7 @@ from contextlib import closing
 import pytest
 
 from mindstage.engines.base import SpawnNoteKind
-from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine, regions
 from mindstage.scene import BodyId
 from mindstage.scene.edits import Delete, SetLabel, SetPoses, Spawn
 from mindstage.scene.world_model import Pose
@@ -69,6 +69,20 @@ def test_the_arm_passes_on_until_it_was_out_and_never_again(engine: MujocoEngine
     push(engine, 8.0, 1.5)
     assert -0.001 < depth_m(engine) < 0.001
     assert {contact.b for contact in engine.contacts() if contact.a == "arm"} == {"block-1", "block1"}
+
+
+def test_it_is_the_same_in_a_world_of_several_regions(engine: MujocoEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regions, "REGION_BODIES", 5)
+    row = [body(f"box{n}", (n, 9.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(20)]
+    engine.apply(Spawn(world(body("floor", (10, 9, -0.05), (30, 2, 0.1)), *row)))
+    add_blocks(engine)
+    push(engine, -8.0)
+    push(engine, -8.0)
+    assert len(engine._cache.regions) > 2
+    assert late_notes(engine) == [("arm", "block-1"), ("arm", "block1")]
+    engine.apply(SetPoses({BodyId("box3"): Pose((-2.0, 9.0, 0.1))}))
+    push(engine, 8.0, 1.5)
+    assert -0.001 < depth_m(engine) < 0.001
 
 
 def test_each_pair_counts_for_itself(engine: MujocoEngine) -> None:

@@ -294,8 +294,10 @@ class ModelCache:
             return
         if apart := self.builder.separated_pairs(self.poses()):
             self.builder.include_pairs(apart)
+            self.tables = self.tables.without_pairs(apart)
             for region in self.regions:
-                region.wake(self._time_s).include_pairs(apart)
+                if here := [pair for pair in apart if region.compiled.body_ids.keys() >= set(pair)]:
+                    region.wake(self._time_s).include_pairs(here)
 
     def check_free_bodies(self) -> None:
         """Makes bodies static that fell far below the place."""

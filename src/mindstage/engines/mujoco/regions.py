@@ -11,6 +11,7 @@ handed over to that one before they touch, with what it may touch itself.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress, islice
@@ -204,9 +205,8 @@ class WorldTables:
     def boxes(self, poses: Array, rows: Indices) -> Boxes:
         """Axis-aligned boxes around some bodies, by their rows."""
         oriented = OrientedBoxes.from_poses(poses[rows], 2 * self.half_extents[rows])
-        reach = np.einsum("nij,nj->ni", np.abs(oriented.rotation), self.half_extents[rows])
         centers = poses[rows, :3] + quat_rotate(poses[rows, 3:], self.local_centers[rows])
-        return centers - reach, centers + reach
+        return OrientedBoxes(centers, oriented.rotation, oriented.half_extents).bounds()
 
     def moves(self, id: BodyId) -> bool:
         """Whether a body is part of a unit."""
@@ -282,6 +282,12 @@ class WorldTables:
         partners = self._partners
         root_of = self.forest.root_of
         return {(a, b) for a in ids if a in partners for b in partners[a] if b in ids and root_of[a] != root_of[b]}
+
+    def without_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> WorldTables:
+        """The tables of the same world in which some pairs that overlapped collide; copies share these here."""
+        result = copy.copy(self)
+        result.overlapping, result._partners = self.overlapping - set(pairs), None
+        return result
 
     def changed_since(self, before: WorldTables) -> tuple[set[BodyId], bool]:
         """The bodies that are simulated differently than before, and whether everything is."""
