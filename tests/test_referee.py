@@ -98,21 +98,17 @@ def test_an_honest_push_has_no_intervention() -> None:
 
 
 def test_a_drawer_that_is_pushed_shut_has_no_intervention() -> None:
-    def opened(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        data.qpos[model.joint("slide").qposadr[0]] = 0.2
-
     model = mujoco.MjModel.from_xml_string(WORLD.format(y=0.0, rest="", bodies=""))
     model.body_gravcomp[[model.body(name).id for name in ROBOT]] = 1.0
-    data = mujoco.MjData(model)
-    opened(model, data)
-    referee = SkillReferee(ROBOT)
+    data, referee = mujoco.MjData(model), SkillReferee(ROBOT)
+    data.qpos[model.joint("slide").qposadr[0]] = 0.2
     referee.look(model, data)
     with referee.watching():
-        data.ctrl[0] = 0.278
-        mujoco.mj_step(model, data, nstep=1500)
+        for step in range(1500):
+            data.ctrl[0] = min(0.0002 * step, 0.278)
+            mujoco.mj_step(model, data)
     assert referee.openness("drawer", 0.0) < 0.05
     assert referee.interventions == []
-    assert referee.deepest["finger", "handle"] < 0.005
 
 
 def test_nothing_is_noted_where_nothing_happens_and_the_motion_is_the_same() -> None:
