@@ -497,6 +497,8 @@ class SkillReferee:
     def why_not_lifted(self, body: str) -> str:
         """Why a thing is not held above where it was; empty if it is."""
         shapes, watched = self._watched().shapes, self._watched()
+        if body not in watched.names:
+            return f"{body} is fixed to the world"
         own, rise = shapes.of(body), self.poses()[body][2] - self.first[body][2]
         touching = {shapes.owners[b] for _, b, _ in shapes.pairs(own, np.setdiff1d(watched.place_geoms, own), REST_M)}
         is_fixed = any(watched.names[each] == body for each in watched.fixed)
@@ -510,6 +512,8 @@ class SkillReferee:
     def why_not_on(self, body: str, support: str) -> str:
         """Why a thing does not rest on a support, directly or on other things; empty if it does."""
         shapes, watched, state = self._watched().shapes, self._watched(), self._state_now()
+        if body not in watched.names:
+            return f"{body} is fixed to the world"
         number = watched.names.index(body)
         speeds = state.qvel[np.flatnonzero(watched.model.dof_bodyid == number)[:3]]
         if not len(speeds):
@@ -567,6 +571,8 @@ class SkillReferee:
     def _moving_with(self, body: str) -> set[str]:
         """A thing and what is fixed to it, such as its handle."""
         watched = self._watched()
+        if body not in watched.names:
+            return {body}
         group = watched.model.body_weldid[watched.names.index(body)]
         return {watched.names[each] for each in np.flatnonzero(watched.model.body_weldid == group)}
 
@@ -575,14 +581,14 @@ class SkillReferee:
         watched, state = self._watched(), self._state_now()
         shapes, model = watched.shapes, watched.model
         own, other = shapes.of(*self._moving_with(body)), shapes.of(obstacle)
-        number = watched.names.index(body)
-        joint = int(model.body_jntadr[number])
+        joint = int(model.body_jntadr[watched.names.index(body)]) if body in watched.names else -1
         hinged = joint >= 0 and model.jnt_limited[joint] and model.jnt_type[joint] in (2, 3)
-        address = int(model.jnt_qposadr[joint])
         try:
-            for position in np.linspace(*model.jnt_range[joint], SWEEP_POSES) if hinged else [state.qpos[address]]:
+            low, high = model.jnt_range[joint].tolist()
+            for position in np.linspace(low, high, SWEEP_POSES) if hinged else (None,):
                 shapes.data.qpos[:] = state.qpos
-                shapes.data.qpos[address] = position
+                if position is not None:
+                    shapes.data.qpos[model.jnt_qposadr[joint]] = position
                 shapes.update()
                 if any(True for _ in shapes.pairs(own, other, within_m)):
                     return True
