@@ -24,6 +24,8 @@ SPEED_JUMP = 1e-4
 """A velocity that changes by more between two time steps was set [m/s]."""
 DEEP_M = 0.005
 """The robot passes through what it is inside of by more; contacts of MuJoCo are softer than nothing."""
+KEPT_MODELS = 2
+"""The number of models before the present one that are not read again; engines change to and fro between some."""
 SAMPLE_STEPS = 10
 """The number of time steps between two measurements of distances."""
 NEAR_M = 0.02
@@ -185,8 +187,6 @@ class _Watched:
     shapes: Shapes
     robot_geoms: Ints
     place_geoms: Ints
-    is_robot: NDArray[np.bool_]
-    """Whether each body is part of the robot, or fixed to it."""
     fixed: list[int]
     """Bodies of the place that are part of the robot's kinematic tree."""
     bodies: Ints
@@ -203,8 +203,10 @@ class _Watched:
     equalities: Ints
     """The equality constraints that act on the place."""
     mocap: Ints
-    sprung: Ints
-    """The degrees of freedom that have had a spring of their own from the beginning."""
+    sprung: NDArray[np.bool_]
+    """Whether a degree of freedom of the place has had a spring of its own from the beginning."""
+    floating: NDArray[np.bool_]
+    """Whether one has been of a body without weight from the beginning."""
 
 
 @dataclass(slots=True)
@@ -248,14 +250,14 @@ class SkillReferee:
         """The deepest overlap of each part of the robot with each thing [m]."""
         self.nearest_m: dict[str, float] = {}
         """The least distance of each thing from the robot, where it was below 2 cm [m]."""
-        self.passed: set[str] = set()
-        """The things whose boxes were within 5 cm of a box of the robot."""
         self.first: Mapping[str, Floats] = {}
         """The pose of each body at the beginning."""
         self.reach_m = 0.0
         """No part of the robot is ever farther from the origin of its first body, by the lengths of its links."""
         self._name_of, self._owners = name_of, owners
-        self._began: _Watched | None = None
+        self._models: list[_Watched] = []
+        self._sprung: frozenset[str] | None = None
+        self._floating: frozenset[str] = frozenset()
         self._last: _State | None = None
         self._before: _State | None = None
         self._call: _State | None = None
@@ -284,9 +286,9 @@ class SkillReferee:
             yield
         finally:
             mujoco.mj_step = step
-            self._commit()
             if self._last is not None:
                 self._sample(self._last)
+            self._commit()
 
     def look(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Takes a state without a time step; as the first one, before anything has moved."""
@@ -318,9 +320,10 @@ class SkillReferee:
         self._pending.append((kind, body, at_s, impulse, length_m))
 
     def _state(self, model: mujoco.MjModel, data: mujoco.MjData) -> _State:
-        watched = self._last.watched if self._last is not None else None
-        if watched is None or watched.model is not model:
+        watched = next((each for each in self._models if each.model is model), None)
+        if watched is None:
             watched = self._read(model)
+            self._models = [watched, *self._models[:KEPT_MODELS]]
         self._data = data
         return _State(watched, float(data.time), data.qpos.copy(), data.qvel.copy(), data.mocap_pos.copy())
 
@@ -387,7 +390,8 @@ class SkillReferee:
             (InterventionKind.JOINT_FORCE, data.qfrc_applied[dofs]),
             (InterventionKind.ACTUATOR, data.qfrc_actuator[dofs]),
             (InterventionKind.ADHESION, data.qfrc_adhesion[dofs]),
-            (InterventionKind.SPRING, data.qfrc_spring[dofs]),
+            (InterventionKind.SPRING, np.where(watched.sprung, 0.0, data.qfrc_spring[dofs])),
+            (InterventionKind.WEIGHT, np.where(watched.floating, 0.0, data.qfrc_gravcomp[dofs])),
         ):
             if forces.any():
                 self._note_forces(kind, watched, forces, at_s)
@@ -419,8 +423,6 @@ class SkillReferee:
     def _note_forces(self, kind: InterventionKind, watched: _Watched, forces: Floats, at_s: float) -> None:
         """Notes the forces on the degrees of freedom of the place, those of each body together."""
         forces = np.abs(forces) / watched.levers[watched.dofs]
-        if kind is InterventionKind.SPRING:
-            forces = np.where(np.isin(watched.dofs, watched.sprung), 0.0, forces)
         bodies = watched.body_of_dof[watched.dofs]
         for body in np.unique(bodies[forces > 0.0]).tolist():
             force = float(np.linalg.norm(forces[bodies == body]))
@@ -453,10 +455,6 @@ class SkillReferee:
         robot, place = state.watched.robot_geoms, state.watched.place_geoms
         if not self.first:
             self.first = self.poses()
-        gap = np.maximum(
-            shapes.low[robot][:, None] - shapes.high[place], shapes.low[place] - shapes.high[robot][:, None]
-        )
-        self.passed |= set(shapes.owners[place[(gap.max(axis=2) <= AROUND_M).any(axis=0)]])
         depths: dict[tuple[str, str], float] = {}
         for a, b, distance in shapes.pairs(robot, place, NEAR_M):
             part, thing = shapes.owners[a], shapes.owners[b]
@@ -470,7 +468,6 @@ class SkillReferee:
             self.deepest[pair] = max(depth, self.deepest.get(pair, 0.0))
             if depth > DEEP_M + self._initial.get(pair[1], 0.0):
                 self._note(InterventionKind.OVERLAP, pair[1], state.time_s, 0.0, depth)
-        self._commit()
 
     def poses(self) -> dict[str, Floats]:
         """The pose of each body, seven numbers, when distances were last measured."""
@@ -602,8 +599,8 @@ class SkillReferee:
         return self._last
 
     def _watched(self) -> _Watched:
-        assert self._last is not None or self._began is not None, "nothing was watched"
-        return self._last.watched if self._last is not None else self._began  # type: ignore[return-value]
+        assert self._models, "nothing was watched"
+        return self._models[0] if self._last is None else self._last.watched
 
     # -- models --------------------------------------------------------------------------------------------------------
 
@@ -623,13 +620,17 @@ class SkillReferee:
         bodies = np.array([body for body in range(1, model.nbody) if not is_robot[body] and model.body_weldid[body]])
         mocap = [int(model.body_mocapid[body]) for body in range(model.nbody) if not is_robot[body]]
         levers, masses = _levers(model)
-        watched = _Watched(
+        if self._sprung is None:
+            self.reach_m = _reach_m(model, is_robot)
+            self._sprung = frozenset(names[model.jnt_bodyid[joint]] for joint in np.flatnonzero(model.jnt_stiffness))
+            self._floating = frozenset(names[body] for body in np.flatnonzero(model.body_gravcomp))
+        names_of_dofs = np.array([names[model.dof_bodyid[dof]] for dof in dofs], dtype=str)
+        return _Watched(
             model=model,
             names=names,
             shapes=shapes,
             robot_geoms=np.intersect1d(np.flatnonzero(of_robot), shapes.solid),
             place_geoms=np.intersect1d(np.flatnonzero(of_place), shapes.solid),
-            is_robot=is_robot,
             fixed=fixed,
             bodies=bodies.astype(np.intp),
             dofs=dofs,
@@ -639,12 +640,9 @@ class SkillReferee:
             coordinates=_coordinates(model, names),
             equalities=np.array(list(_equalities(model, is_robot)), dtype=np.intp),
             mocap=np.array([row for row in mocap if row >= 0], dtype=np.intp),
-            sprung=np.flatnonzero(model.jnt_stiffness[model.dof_jntid] > 0.0),
+            sprung=np.isin(names_of_dofs, sorted(self._sprung)),
+            floating=np.isin(names_of_dofs, sorted(self._floating)),
         )
-        if self._began is None:
-            self._began = watched
-            self.reach_m = _reach_m(model, is_robot)
-        return watched
 
 
 def _reach_m(model: mujoco.MjModel, is_robot: NDArray[np.bool_]) -> float:

@@ -261,6 +261,18 @@ def test_a_mocap_body_that_drags_is_noticed() -> None:
     assert InterventionKind.MOCAP in kinds(referee, "ghost")
 
 
+def test_a_thing_that_loses_its_weight_is_noticed() -> None:
+    text = WORLD.format(y=0.0, rest="", bodies="")
+    first = mujoco.MjModel.from_xml_string(text)
+    second = mujoco.MjModel.from_xml_string(text.replace('<body name="cup"', '<body gravcomp="1" name="cup"'))
+    data, other, referee = mujoco.MjData(first), mujoco.MjData(second), SkillReferee(ROBOT)
+    with referee.watching():
+        mujoco.mj_step(first, data, nstep=20)
+        other.qpos[:], other.qvel[:], other.time = data.qpos, data.qvel, data.time
+        mujoco.mj_step(second, other, nstep=20)
+    assert kinds(referee, "cup") == {InterventionKind.WEIGHT}
+
+
 def test_a_thing_that_becomes_a_part_of_the_robot_is_noticed() -> None:
     cup = '<body name="cup" pos="0.3 0 0.1"><geom type="cylinder" size="0.04 0.05" mass="0.3"/></body>'
     first = mujoco.MjModel.from_xml_string(WORLD.format(y=0.0, rest="", bodies=""))
