@@ -43,8 +43,8 @@ and `make places` makes another one, with the seed of the day. Ranges are Wilson
 """
 FOOT = """A cell in which the robot finds no place to stand, or the front does not open before it is to be closed, is
 not begun and not counted ({not_begun} cells). Of the assisted successes, {said} are said to be so by an assumption of
-the skill. After {misread} successes of "open" the front is open as the map was read, and not along its true axis or over
-its true range.
+the skill. After {misread} successes of "open" the front is open as the map was read, and not along its true axis or
+over its true range.
 
 ## The referee
 

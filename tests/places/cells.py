@@ -47,6 +47,8 @@ MISREAD_SHARE = 0.8
 SUPPORTS = re.compile(r"(counter_top|kitchen_table|table|desk|dresser|sideboard)_\d+")
 NEAREST_SUPPORTS = 3
 CLUTTER = 0.1
+MAX_ROOMS = 2
+"""Homes have one or two rooms, since the time of a step grows with the number of bodies."""
 WORDS = {
     "cutlery": ("fork", "knife", "spoon", "cutlery", "spatula", "ladle", "whisk", "tongs", "stick"),
     "plates": ("plate", "saucer", "bowl"),
@@ -80,6 +82,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     number: int
     style: str
     home_seed: int
+    rooms: int
     dialect: str
     robot: str
     skill: str
@@ -92,7 +95,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         where = f" on {self.support}" if self.support else ""
-        home = f"{self.style} {self.home_seed} as {self.dialect}"
+        home = f"{self.style} {self.home_seed} with {self.rooms} rooms as {self.dialect}"
         return f"{self.seed}:{self.number} {self.robot} {self.skill} {self.thing}{where} ({self.kind}) in {home}"
 
 
@@ -141,8 +144,9 @@ def draw_cell(seed: int, number: int) -> Cell:
     """The cell of that number, drawn by a seed; the same on every machine with the same robots."""
     chance = random.Random(f"{seed}:{number}")
     style, home_seed = chance.choice(list(HomeStyle)), chance.randrange(1_000_000)
+    rooms = chance.randint(1, MAX_ROOMS)
     dialect, robot = chance.choice(list(HomeDialect)), chance.choice(installed_robots())
-    truth = json.loads(write_home(generate_home(seed=home_seed, style=style, clutter=CLUTTER)).truth)
+    truth = json.loads(write_home(generate_home(seed=home_seed, style=style, rooms=rooms, clutter=CLUTTER)).truth)
     bodies, joints = truth["bodies"], truth["joints"].values()
     fronts = {joint["moving"] for joint in joints}
     kinds: dict[str, list[str]] = {}
@@ -161,12 +165,13 @@ def draw_cell(seed: int, number: int) -> Cell:
         by_id = {body["id"]: np.array(body["center"]) for body in bodies.values()}
         at = by_id[thing]
         supports = sorted(filter(SUPPORTS.fullmatch, by_id), key=lambda each: (np.linalg.norm(by_id[each] - at), each))
-        support = chance.choice(supports[:NEAREST_SUPPORTS])
+        skill, support = ("place", chance.choice(supports[:NEAREST_SUPPORTS])) if supports else ("pick", "")
     return Cell(
         seed=seed,
         number=number,
         style=style,
         home_seed=home_seed,
+        rooms=rooms,
         dialect=dialect,
         robot=robot,
         skill=skill,
@@ -184,7 +189,7 @@ def try_drawn(seed: int, number: int) -> CellResult:
 def try_cell(cell: Cell) -> CellResult:
     """Performs a skill and judges it; an exception that leaves a skill is a verdict."""
     began_s = time.process_time()
-    home = generate_home(seed=cell.home_seed, style=cell.style, clutter=CLUTTER)
+    home = generate_home(seed=cell.home_seed, style=cell.style, rooms=cell.rooms, clutter=CLUTTER)
     written = write_home(home, dialect=cell.dialect)
     with tempfile.TemporaryDirectory() as folder:
         path, description = Path(folder, "home.owl"), Path(folder, "home.urdf")

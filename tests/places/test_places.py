@@ -47,6 +47,7 @@ def test_a_door_of_a_generated_kitchen_is_opened_truly() -> None:
         number=0,
         style="kitchen",
         home_seed=1,
+        rooms=1,
         dialect="knowrob1",
         robot="mobile_manipulator",
         skill="open",
