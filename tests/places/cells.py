@@ -30,7 +30,7 @@ from mindstage.robots.standing import add_standing_robot
 from mindstage.simulation import Simulation
 from tests.referee import SkillReferee
 
-__all__ = ["ROBOTS", "Cell", "CellResult", "Verdict", "draw_cell", "judge", "try_cell", "try_drawn"]
+__all__ = ["ROBOTS", "Cell", "CellResult", "Verdict", "draw_cell", "judge", "referee_of", "try_cell", "try_drawn"]
 
 ROBOTS = ("mobile_manipulator", "stretch", "tiago", "pr2")
 """Robots that drive and grasp; those that are not installed are not drawn."""
@@ -216,15 +216,15 @@ def _try_in(simulation: Simulation, cell: Cell, written: WrittenHome) -> CellRes
     closed, is_front = 0.0, cell.skill in ("open", "close")
     try:
         if is_front:
-            closed = _referee(simulation, robot).position(thing)[0]
+            closed = referee_of(simulation, robot).position(thing)[0]
         if cell.skill == "close":
             simulation.joint(thing).open()
-            referee = _referee(simulation, robot)
+            referee = referee_of(simulation, robot)
             if referee.openness(thing, closed) < LEAST_OPEN:
                 return CellResult(cell=cell, verdict=Verdict.NOT_BEGUN, reason="it did not open")
     except (MindstageError, ValueError, AssertionError) as error:
         return CellResult(cell=cell, verdict=Verdict.NOT_BEGUN, reason=f"it does not open as it was read: {error}")
-    referee, args = _referee(simulation, robot), {"thing": thing} | ({"on": support} if support else {})
+    referee, args = referee_of(simulation, robot), {"thing": thing} | ({"on": support} if support else {})
     try:
         with referee.watching():
             result = _perform(robot, cell, args)
@@ -259,7 +259,7 @@ def iter_steps(duration_s: float) -> Generator[float, None, None]:
     yield duration_s
 
 
-def _referee(simulation: Simulation, robot: Robot) -> SkillReferee:
+def referee_of(simulation: Simulation, robot: Robot) -> SkillReferee:
     """A referee of a simulation, which has looked at its present state."""
     engine: Any = simulation.engine.run(lambda engine: engine)
 

@@ -13,8 +13,22 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene.edits import Attach, SetPoses
 from tests.places.__main__ import day_seed, page, read, wilson
-from tests.places.cells import SKILLS, Cell, CellResult, Verdict, draw_cell, front_kind, thing_kind, try_cell
+from tests.places.cells import (
+    SKILLS,
+    Cell,
+    CellResult,
+    Verdict,
+    draw_cell,
+    front_kind,
+    referee_of,
+    thing_kind,
+    try_cell,
+)
+from tests.referee import InterventionKind
+from tests.robots.rooms import box, robot_in
 
 SEED = int(os.environ.get("MINDSTAGE_PLACES_SEED", day_seed()))
 BAD = {Verdict.FALSE, Verdict.ERROR}
@@ -39,6 +53,30 @@ def test_no_skill_claims_what_is_not_so(number: int) -> None:
 @pytest.mark.parametrize("part", range(20))
 def test_no_skill_claims_what_is_not_so_in_600_cells(part: int) -> None:
     check(range(part * 30, part * 30 + 30))
+
+
+def test_what_mindstage_does_to_things_without_contact_is_seen() -> None:
+    """The pull of `sim.joint`, a pose that is set, and an attachment to a robot."""
+    block = box("block", (0.0, 1.0, 0.2), (0.1, 0.1, 0.4), Mobility.DYNAMIC)
+    with robot_in(block, box("other", (1.5, 1.5, 0.2), (0.1, 0.1, 0.4), Mobility.DYNAMIC)) as robot:
+        session = robot.session
+        session.step(0.1)
+        referee = referee_of(session, robot)
+        with referee.watching():
+            session.step(0.1)
+            assert referee.interventions == []
+            session.pull("block", point=(0.0, 0.0, 0.0), target=(0.3, 1.0, 0.2))
+            session.step(0.1)
+            session.release("block")
+            pose = session.body("other").pose
+            session.apply(SetPoses({BodyId("other"): Pose((1.5, 1.6, 0.2), pose.quaternion)}))
+            session.step(0.1)
+            session.apply(Attach(robot.link_ids[robot.model.grippers[0].finger_links[0]], BodyId("block")))
+            session.step(0.1)
+    kinds = {(each.body, each.kind) for each in referee.interventions}
+    assert ("block", InterventionKind.EXTERNAL_FORCE) in kinds
+    assert ("other", InterventionKind.JUMP) in kinds
+    assert ("block", InterventionKind.FIXED) in kinds
 
 
 def test_a_door_of_a_generated_kitchen_is_opened_truly() -> None:
