@@ -559,7 +559,7 @@ class SkillReferee:
         for part, obstacle in INSIDE.findall(reason):
             obstacle = obstacle.rstrip(",;.:")
             allowed = AROUND_M if part in own else self.reach_m
-            if not self._watched().shapes.of(obstacle).size or obstacle in own:
+            if not self._watched().shapes.of(obstacle).size or obstacle in own | self.robot:
                 continue
             if part in own | self.robot and not self._is_around_sweep(target, obstacle, allowed):
                 found.append(f"{obstacle} is more than {allowed:.2f} m from all that {target} sweeps")

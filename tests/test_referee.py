@@ -323,4 +323,5 @@ def test_reasons_that_the_geometry_contradicts_are_false() -> None:
     assert len(false("drawer is 0% open instead of 100%: there handle is 3 mm inside far")) == 1
     assert len(false("there hand is 3 mm inside very_far")) == 1
     assert len(false("hand is pressed 3.1 mm into case")) == 1
+    assert false("there hand is 3 mm inside finger") == []
     assert false("the fingers slipped") == []

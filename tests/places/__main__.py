@@ -1,7 +1,7 @@
 """Skills of robots in generated homes: `python -m tests.places --cells 600` (`make places`).
 
 Cells are drawn by the seed of the day. Each result is a line of a file, which a further call with the same seed
-continues; with `--page` the rates are written to docs/reference/places.md.
+continues; with `--page` the rates are written to docs/reference/places.md (`--cells 0`: of the file as it is).
 """
 
 from __future__ import annotations
@@ -38,9 +38,11 @@ reach of the robot, or behind something. This table was made by
 
     {command}
 
-and `make places` makes another one, with the seed of the day. Ranges are Wilson's intervals of 95 %.
+and `make places` makes another one, with the seed of the day. Ranges are Wilson's intervals of 95 %.{too_few}
 
 """
+ENOUGH = 300
+TOO_FEW = f' These are fewer\nthan the {ENOUGH} cells that a statement such as "no false successes" needs.'
 FOOT = """A cell in which the robot finds no place to stand, or the front does not open before it is to be closed, is
 not begun and not counted ({not_begun} cells). Of the assisted successes, {said} are said to be so by an assumption of
 the skill. After {misread} successes of "open" the front is open as the map was read, and not along its true axis or
@@ -111,7 +113,8 @@ def _share(count: int, total: int) -> str:
 def page(results: Sequence[CellResult], command: str) -> str:
     """The page of the documentation."""
     seeds = ", ".join(map(str, sorted({each.cell.seed for each in results})))
-    parts = [HEAD.format(command=command, count=len(results), seeds=seeds)]
+    too_few = TOO_FEW if len(results) < ENOUGH else ""
+    parts = [HEAD.format(command=command, count=len(results), seeds=seeds, too_few=too_few)]
     for title, of in (("kind", _kind), ("robot", _robot), ("skill", _skill), ("dialect", _dialect), ("style", _style)):
         parts.append(f"## By {title}\n\n{table(results, title, of)}\n")
     assisted = [each for each in results if each.verdict is Verdict.ASSISTED]
@@ -161,6 +164,16 @@ def read(path: Path) -> list[CellResult]:
     return [msgspec.json.decode(line, type=CellResult) for line in lines]
 
 
+def before_first_missing(results: Iterable[CellResult]) -> list[CellResult]:
+    """The cells up to the first one without a result: after an interruption, those that take long are not left out."""
+    ordered = sorted(results, key=lambda each: each.cell.number)
+    return [
+        each
+        for number, each in enumerate(ordered, ordered[0].cell.number if ordered else 0)
+        if each.cell.number == number
+    ]
+
+
 def main() -> int:
     """Tries the cells; the exit code is 1 after a false success or an exception."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -184,6 +197,7 @@ def main() -> int:
             print(f"{result.verdict}: {result.cell} ({result.cpu_s:.0f} s) {result.reason}", flush=True)
             for each in (*result.referee, result.misread):
                 print(f"    {each}" if each else "", end="\n" if each else "", flush=True)
+    results = before_first_missing(results)
     print(table(results, "kind", _kind))
     if options.page:
         command = shlex.join(
