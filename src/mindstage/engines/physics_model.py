@@ -248,6 +248,8 @@ class PhysicsModelBuilder:
         """The assumed ground; None if there is none."""
         self._below_ground: set[BodyId] = set()
         """Loose bodies that were below the ground, or in it, when it was added."""
+        self.uncertain_poses: frozenset[BodyId] = frozenset()
+        """See `Spawn.uncertain_poses`."""
         self._forest: KinematicForest | None = None
         self._loose_roots: frozenset[BodyId] | None = None
         self._changed_bodies: set[BodyId] = set()
@@ -272,6 +274,7 @@ class PhysicsModelBuilder:
         )
         result.settled, result.bounds, result.ground = dict(self.settled), self.bounds, self.ground
         result._below_ground, result._loose_roots = set(self._below_ground), self._loose_roots
+        result.uncertain_poses = self.uncertain_poses
         return result
 
     @property
@@ -404,6 +407,7 @@ class PhysicsModelBuilder:
         self.update_collisions(poses)
         added = self.registry.add(edit.world)
         self.registry.immovable |= edit.immovable.intersection(added.bodies)
+        self.uncertain_poses |= edit.uncertain_poses.intersection(added.bodies)
         bodies = self.registry.bodies
         self.given_excluded_pairs |= {sorted_pair(a, b) for a, b in edit.excluded_pairs if a in bodies and b in bodies}
         invalid_notes = self.mass_properties.add(added.bodies, edit.geometry)
@@ -459,6 +463,7 @@ class PhysicsModelBuilder:
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
         self._below_ground -= removed
+        self.uncertain_poses -= removed
         for id in removed:
             self.settled.pop(id, None)
         self._loose_roots = None if self._loose_roots is None else self._loose_roots - removed
@@ -488,6 +493,7 @@ class PhysicsModelBuilder:
             immovable=frozenset(self.registry.immovable & kept),
             settled={id: each for id, each in self.settled.items() if id in kept},
             below_ground=frozenset(self._below_ground & kept),
+            uncertain_poses=self.uncertain_poses & kept,
             undecided=frozenset(self._changed_bodies),
         )
 
@@ -522,6 +528,7 @@ class PhysicsModelBuilder:
         self.actuators.restore(before, registry=self.registry, joints=self.simulated_joints)
         self.settled |= before.settled
         self._below_ground |= before.below_ground
+        self.uncertain_poses |= before.uncertain_poses
         self._changed_bodies |= before.undecided & restored
         self._collision_state = _CollisionState(self.forest, tuple(self.registry.joints.values()))
 
@@ -886,6 +893,7 @@ class PhysicsModelBuilder:
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
         is_new = np.arange(len(ids)) >= len(ids) - len(new_ids)
         belongs, low = belongs_to_place(boxes), boxes.bounds()[0][:, 2]
+        is_certain = np.array([id not in self.uncertain_poses for id in ids], dtype=bool)
         hanging, unbalanced = self._unsupported_rows(np.flatnonzero(is_loose & belongs), poses)
         needs = np.union1d(hanging, unbalanced)
         if not len(needs):
@@ -895,9 +903,11 @@ class PhysicsModelBuilder:
         if (
             before is None
             or (low[needs[is_new[needs]]] < before.height_m - _IN_GROUND_M).any()
-            or (low[is_new & ~is_loose & belongs] < before.height_m - _GROUND_TOLERANCE_M).any()
+            or (low[is_new & ~is_loose & belongs & is_certain] < before.height_m - _GROUND_TOLERANCE_M).any()
         ):
-            height_m = find_ground_height(boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging)
+            height_m = find_ground_height(
+                boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging, is_certain=is_certain
+            )
             if before is None or abs(height_m - before.height_m) > _IN_GROUND_M:
                 self._below_ground, is_decided[:] = set(), False
             else:
