@@ -28,7 +28,10 @@ from mindstage.engines.mujoco.regions import (
     reach_of,
 )
 from mindstage.engines.mujoco.state import (
+    STIFFENING,
     CompiledModel,
+    FastContact,
+    FastGroup,
     limit_stiffness,
     scale_model,
     set_commands,
@@ -79,8 +82,8 @@ class ModelCache:
         """Number of time steps since falling bodies and the borders of regions were checked."""
         self._is_moved = False
         """Whether a body was moved in place since then."""
-        self.fast: dict[BodyId, float] = {}
-        """Bodies for which time steps are divided until then, with the friction of what they hit."""
+        self.fast: dict[BodyId, FastContact] = {}
+        """The roots of the groups for which time steps are divided until then."""
         self.last_rebuild: RebuildTime | None = None
         """When the model was compiled last."""
         self._cost_ratio = 1.0
@@ -325,7 +328,6 @@ class ModelCache:
         if is_due or self._is_moved:
             self._is_moved = False
             self._hand_over()
-        if is_due:
             self._find_fast()
         return self.regions is not before
 
@@ -341,7 +343,7 @@ class ModelCache:
         active = [region for region in self.regions if not region.is_resting]
         for number, region in enumerate(active):
             was_asleep, compiled = region.is_asleep(), region.compiled
-            fast = {id: friction for id, friction in self.fast.items() if id in region.bodies}
+            fast = {id: each for id, each in self.fast.items() if id in region.bodies}
             try:
                 compiled.step(count, fast=fast)
             except EngineError:
@@ -357,40 +359,52 @@ class ModelCache:
         self.unchecked_steps = (self.unchecked_steps + count) % MAX_UNCHECKED_STEPS
 
     def _find_fast(self) -> None:
-        self.fast = {}
+        before, self.fast = self.fast, {}
         for region in self.regions:
             compiled = region.compiled
-            velocities = compiled.data.qvel[compiled.free_velocities]
-            if not region.is_resting and np.abs(velocities).max(initial=0.0) > _MIN_FAST_SPEED:
-                compiled.update_poses()
-                roots, pressed = list(compiled.free_joint_addresses), compiled.pressed_trees()
-                for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > _MIN_FAST_SPEED).tolist():
-                    if compiled.body_ids[roots[row]] not in pressed:
-                        self._check_fast(compiled, roots[row], velocities[row])
+            if region.is_resting or not compiled.may_be_fast(_MIN_FAST_SPEED):
+                continue
+            with compiled.at_physical_poses():
+                pressed = compiled.pressed_trees()
+                for group in compiled.fast_groups(_MIN_FAST_SPEED):
+                    tree = compiled.model.body_treeid[compiled.body_ids[group.root]]
+                    if (
+                        tree not in pressed or group.root in before
+                    ):  # stiff contacts throw out what is deep in soft ones
+                        self._check_fast(region, group)
 
-    def _check_fast(self, compiled: CompiledModel, id: BodyId, velocity: Array) -> None:
-        """Finds what a body will hit within which the contact force cannot stop it.
+    def _check_fast(self, region: Region, group: FastGroup) -> None:
+        """Finds what a group will hit within which the contact force cannot stop it.
 
         A contact of MuJoCo is a spring with a time constant, not a hard surface: the body moves on for
         `_CONTACT_DURATION_S`, and if it is then in the middle of a thin obstacle, it is pushed out on the other side.
-        Shorter time steps allow for stiffer springs. Obstacles are found by rays from the body's corners and center.
+        Shorter time steps allow for stiffer springs.
         """
-        duration_s, falls = MAX_UNCHECKED_STEPS * self._timestep_s, compiled.is_falling(id)
-        mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
-        speed, thickness_m = float(np.linalg.norm(velocity)), min(self.builder.mass_properties.size(id))
-        end_speed = speed + _GRAVITY_M_S2 * duration_s * falls
-        within_m = min(end_speed * duration_s, MAX_SIZE_M)
-        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=within_m):
-            hit_speed = float(np.sqrt(speed**2 + 2 * _GRAVITY_M_S2 * distance_m * falls))
-            if hit_speed * _CONTACT_DURATION_S <= min(thickness_m, obstacle_m) / 2:
+        compiled, duration_s, id = region.compiled, MAX_UNCHECKED_STEPS * self._timestep_s, group.root
+        falls, within_s, gained = group.is_free and compiled.is_falling(id), duration_s, 0.0
+        if falls:
+            mean = group.velocity - (0.0, 0.0, _GRAVITY_M_S2 * duration_s / 2)
+            speed, mean_speed = float(np.linalg.norm(group.velocity)), float(np.linalg.norm(mean))
+            within_m = min((speed + _GRAVITY_M_S2 * duration_s) * duration_s, MAX_SIZE_M)
+            group, within_s, gained = group._replace(velocity=mean), within_m / mean_speed, mean_speed - speed
+        ids = list(compiled.rows)
+        for obstacle in compiled.obstacles(group, within_s):
+            fall_m = obstacle.distance_m * falls
+            hit_speed = float(np.sqrt(max(obstacle.speed - gained, 0.0) ** 2 + 2 * _GRAVITY_M_S2 * fall_m))
+            thickness_m = min(self.builder.mass_properties.size(ids[obstacle.row]))
+            share = hit_speed * _CONTACT_DURATION_S / (min(thickness_m, obstacle.thickness_m) / 2)
+            if share <= 1.0:
                 continue
-            self.fast[id] = min(friction, self.fast.get(id, friction))
+            known = self.fast.get(id, FastContact(obstacle.friction, 1.0))
+            # A stiff contact with a door or a kinematic body, which are heavy, throws what also touches something else.
+            stiffening = STIFFENING if group.is_free else min(max(share, known.stiffening), STIFFENING)
+            self.fast[id] = FastContact(min(obstacle.friction, known.friction), stiffening)
             moves_m = hit_speed * _DIVIDED_CONTACT_DURATION_S
-            if moves_m > (thickness_m + obstacle_m) / 2 and id not in self._fast_bodies:
+            if moves_m > (thickness_m + obstacle.thickness_m) / 2 and id not in self._fast_bodies:
                 self._fast_bodies.add(id)
                 text = (
-                    f"{id} will hit something {obstacle_m * 1000:.3g} mm thick at {hit_speed:.3g} m/s and moves by "
-                    f"{moves_m * 1000:.3g} mm before the contact stops it: it may pass through"
+                    f"{id} will hit something {obstacle.thickness_m * 1000:.3g} mm thick at {hit_speed:.3g} m/s and "
+                    f"moves by {moves_m * 1000:.3g} mm before the contact stops it: it may pass through"
                 )
                 self.late_notes.append(SpawnNote(SpawnNoteKind.FAST, (id,), text))
 

@@ -18,6 +18,7 @@ from itertools import compress, islice
 from operator import is_not
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -427,7 +428,10 @@ class Region:
         return np.flatnonzero(self.is_own & (numbers > 0) & is_awake)
 
     def displacements(self, places: Indices, radii: Array, duration_s: float) -> Array:
-        """How far bodies move in a time at their present velocities, k x 6 [m]: to lower, and to higher coordinates."""
+        """How far bodies move in a time at their present velocities, k x 6 [m]: to lower, and to higher coordinates.
+
+        Kinematic ones move until the pose that was set last, where their boxes are already.
+        """
         model, data = self.compiled.model, self.compiled.data
         numbers = self.compiled.body_id_order[places]
         spin, linear = data.cvel[numbers, :3], data.cvel[numbers, 3:]
@@ -436,11 +440,23 @@ class Region:
         turned = np.linalg.norm(spin, axis=1, keepdims=True) * radii[:, None] * duration_s
         turned = np.minimum(turned, 2 * radii[:, None])
         result = np.concatenate([np.minimum(moved, 0.0) - turned, np.maximum(moved, 0.0) + turned], axis=1)
-        kinematic = self.compiled.is_kinematic[numbers]
-        largest = np.abs(moved[kinematic])
-        result[kinematic, :3] -= largest
-        result[kinematic, 3:] += largest
+        for row in np.flatnonzero(self.compiled.is_kinematic[numbers]).tolist():
+            result[row] = self._kinematic_displacement(int(numbers[row]), float(radii[row]))
         return np.asarray(np.nan_to_num(result, nan=0.0, posinf=1e3, neginf=-1e3))
+
+    def _kinematic_displacement(self, number: int, radius_m: float) -> Array:
+        """The same of a kinematic body: back to where it is for the physics until it gets to the pose that was set."""
+        compiled = self.compiled
+        root = compiled.kinematic_roots[int(compiled.model.body_weldid[number])]
+        motion, result = compiled.motions.get(root), np.zeros(6)
+        if motion is not None and motion.steps:
+            place, turn = compiled.data.qpos[compiled.kinematic_qpos[compiled.kinematic_rows[root]]], np.zeros(3)
+            mujoco.mju_subQuat(turn, motion.pose[3:], place[3:])
+            back = motion.pose[:3] - place[:3]
+            reach_m = np.linalg.norm(compiled.data.xpos[number] - place[:3]) + radius_m
+            turned_m = min(float(np.linalg.norm(turn)), 2.0) * reach_m
+            result[:3], result[3:] = np.minimum(back, 0.0) - turned_m, np.maximum(back, 0.0) + turned_m
+        return result
 
 
 def reach_of(low: Array, high: Array) -> Array:
