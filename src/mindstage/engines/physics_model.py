@@ -309,16 +309,15 @@ class PhysicsModelBuilder:
         """Whether a body collides with the ground: loose bodies do, unless they were below it."""
         return self.ground is not None and id not in self._below_ground and self.is_loose(id)
 
-    def simulation_flags(self) -> frozenset[tuple[str, BodyId]]:
-        """What is decided about bodies with yes or no, and matters for their models."""
-        sets = {
-            "non-colliding": self.collision_filter.non_colliding,
-            "immovable": self.registry.immovable,
-            "below ground": self._below_ground,
-            "loose": self.loose_roots,
-            "weightless": self.actuators.weightless,
-        }
-        return frozenset((name, id) for name, ids in sets.items() for id in ids)
+    def simulation_flags(self) -> tuple[frozenset[BodyId], ...]:
+        """For each decision that matters for models, the bodies of which it is true."""
+        return (
+            frozenset(self.collision_filter.non_colliding),
+            frozenset(self.registry.immovable),
+            frozenset(self._below_ground),
+            self.loose_roots,
+            frozenset(self.actuators.weightless),
+        )
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -758,8 +757,9 @@ class PhysicsModelBuilder:
 
         Parts that one world describes as overlapping, such as a drawer and its casing, have to return to each other.
         """
-        root_of, jointed = self.forest.root_of, self._collision_state.jointed_roots
+        root_of = self.forest.root_of
         for a, b in pairs:
+            jointed = self._collision_state.jointed_roots
             is_added_to = (a in new_ids) is not (b in new_ids)
             is_part = sorted_pair(root_of[a], root_of[b]) in jointed or (a, b) in self.given_excluded_pairs
             if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Iterable, Mapping
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,9 +225,9 @@ class ModelCache:
         return performed
 
     def _spawn(self, edit: Spawn) -> Performed:
-        bodies = (*self.registry.bodies.values(), *edit.world.bodies)
-        movable = sum(each.physics.mobility not in FIXED_MOBILITIES for each in bodies)
-        check_arena(min(movable, 2 * REGION_BODIES), cap_bytes=self.arena_cap_bytes)
+        bodies = chain(self.registry.bodies.values(), edit.world.bodies)
+        movable = (each for each in bodies if each.physics.mobility not in FIXED_MOBILITIES)
+        check_arena(len(list(islice(movable, 2 * REGION_BODIES))), cap_bytes=self.arena_cap_bytes)
         before = self.poses()
         performed = self.builder.apply(edit, before)
         new_ids = self.registry.ids[len(before) :]
@@ -490,16 +491,15 @@ class ModelCache:
         self.builder.update_collisions(poses)
         tables = WorldTables(self.builder, kinematics_driven=self._kinematics_driven, before=before)
         changed_boxes: NDArray[np.float64] = np.array(self._changed_boxes).reshape(-1, 2, 3)
-        homes = {id: region for region in self.regions for id in region.bodies}
         if self._is_joined or tables.is_single:
             everything = np.ones(len(tables.unit_sizes), dtype=bool)
-            regions = [self._compile_region(tables, poses, everything, homes, changed_boxes, is_whole=True)]
+            regions = [self._compile_region(tables, poses, everything, changed_boxes, is_whole=True)]
         else:
             if not tables.kept:
                 for region in self.regions:
                     region.use_rows(tables.rows)
             self._update_boxes(tables, poses)
-            regions = self._divide(tables, before, poses, homes, changed_boxes)
+            regions = self._divide(tables, before, poses, changed_boxes)
         self.regions, self.tables, self.stale = regions, tables, False
         self._at_rest, self._changed_boxes = set(), []
 
@@ -508,7 +508,6 @@ class ModelCache:
         tables: WorldTables,
         before: WorldTables | None,
         poses: Array,
-        homes: Mapping[BodyId, Region],
         changed_boxes: NDArray[np.float64],
     ) -> list[Region]:
         unit_boxes = tables.unit_boxes(self._boxes)
@@ -527,7 +526,7 @@ class ModelCache:
             ):
                 is_here = np.zeros(len(tables.unit_sizes), dtype=bool)
                 is_here[units] = True
-                region = self._compile_region(tables, poses, is_here, homes, changed_boxes)
+                region = self._compile_region(tables, poses, is_here, changed_boxes)
             regions.append(region)
         return regions
 
@@ -554,7 +553,6 @@ class ModelCache:
         tables: WorldTables,
         poses: Array,
         units: NDArray[np.bool_],
-        homes: Mapping[BodyId, Region],
         changed_boxes: NDArray[np.float64],
         *,
         is_whole: bool = False,
@@ -566,13 +564,13 @@ class ModelCache:
             tables: the world.
             poses: poses of all bodies.
             units: whether each unit is in the region.
-            homes: the region of each body so far.
             changed_boxes: boxes in which sleeping bodies wake up, k x 2 x 3 [m].
             is_whole: whether the region is the whole world.
             unit_boxes: boxes within which the units are for some time; by default their present ones.
         """
         bodies = tables.bodies_of(units)
-        owners = {id: homes[id].compiled for id in sorted(bodies, key=tables.rows.__getitem__) if id in homes}
+        found = {id: region.compiled for region in self.regions for id in region.bodies & bodies}
+        owners = {id: found[id] for id in sorted(found, key=tables.rows.__getitem__)}
         if is_whole:
             box, model_input = (
                 np.array([[-np.inf] * 3, [np.inf] * 3]),
@@ -621,10 +619,9 @@ class ModelCache:
         handovers = find_handovers(tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s)
         if not handovers.regions:
             return
-        homes = {id: region for region in self.regions for id in region.bodies}
         nowhere = np.zeros((0, 2, 3))
         compiled = [
-            self._compile_region(tables, poses, units, homes, nowhere, unit_boxes=handovers.swept)
+            self._compile_region(tables, poses, units, nowhere, unit_boxes=handovers.swept)
             for units, _ in handovers.regions
         ]
         for number in handovers.resting:
