@@ -72,9 +72,13 @@ class Shapes:
         self.low, self.high = center - half, center + half
 
     def pairs(self, first: Ints, second: Ints, within_m: float) -> Iterator[tuple[int, int, float]]:
-        """The pairs of shapes, one of each group, that are not farther apart, with their distance [m]."""
+        """The pairs of shapes, one of each group, that are not farther apart, with their distance [m].
+
+        Within one group, which is then given twice, each pair comes once.
+        """
         gap = np.maximum(self.low[first][:, None] - self.high[second], self.low[second] - self.high[first][:, None])
-        for row, column in np.argwhere(gap.max(axis=2) <= within_m).tolist():
+        is_near = gap.max(axis=2) <= within_m
+        for row, column in np.argwhere(np.triu(is_near, 1) if first is second else is_near).tolist():
             a, b = int(first[row]), int(second[column])
             distance = mujoco.mj_geomDistance(self.model, self.data, a, b, within_m, None)
             if distance < within_m:

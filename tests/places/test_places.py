@@ -65,9 +65,9 @@ def test_what_mindstage_does_to_things_without_contact_is_seen() -> None:
         with referee.watching():
             session.step(0.1)
             assert referee.interventions == []
-            session.pull("block", point=(0.0, 0.0, 0.0), target=(0.3, 1.0, 0.2))
+            session.pull(BodyId("block"), point=(0.0, 0.0, 0.0), target=(0.3, 1.0, 0.2))
             session.step(0.1)
-            session.release("block")
+            session.release(BodyId("block"))
             pose = session.body("other").pose
             session.apply(SetPoses({BodyId("other"): Pose((1.5, 1.6, 0.2), pose.quaternion)}))
             session.step(0.1)
