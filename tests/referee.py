@@ -490,6 +490,16 @@ class SkillReferee:
         low, high = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-np.inf, np.inf)
         return float(state.qpos[model.jnt_qposadr[joint]]), low, high
 
+    def speeds(self) -> dict[str, float]:
+        """How fast each loose body is [m/s]."""
+        state, model = self._state_now(), self._watched().model
+        return {
+            self._watched().names[model.jnt_bodyid[joint]]: float(
+                np.linalg.norm(state.qvel[model.jnt_dofadr[joint] : model.jnt_dofadr[joint] + 3])
+            )
+            for joint in np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+        }
+
     def openness(self, body: str, closed: float) -> float:
         """How far a front is open, from 0 to 1, between its closed position and the limit that is farther from it."""
         position, low, high = self.position(body)

@@ -11,8 +11,9 @@ import math
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from datetime import UTC, datetime
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import msgspec
@@ -43,10 +44,10 @@ and `make places` makes another one, with the seed of the day. Ranges are Wilson
 """
 ENOUGH = 300
 TOO_FEW = f' These are fewer\nthan the {ENOUGH} cells that a statement such as "no false successes" needs.'
-FOOT = """A cell in which the robot finds no place to stand, or the front does not open before it is to be closed, is
-not begun and not counted ({not_begun} cells). Of the assisted successes, {said} are said to be so by an assumption of
-the skill. After {misread} successes of "open" the front is open as the map was read, and not along its true axis or
-over its true range.
+FOOT = """A cell in which more than a tenth of the things fall, the robot finds no place to stand, or the front does not
+open before it is to be closed, is not begun and not counted ({not_begun} cells). Of the assisted successes, {said} are
+said to be so by an assumption of the skill. After {misread} successes of "open" the front is open as the map was read,
+and not along its true axis or over its true range.
 
 ## The referee
 
@@ -150,10 +151,8 @@ def _style(cell: Cell) -> str:
 
 def run(seed: int, numbers: Iterable[int], workers: int) -> Iterator[CellResult]:
     """The results of cells, as they end."""
-    with ProcessPoolExecutor(workers, max_tasks_per_child=10) as pool:
-        waiting = [pool.submit(try_drawn, seed, number) for number in numbers]
-        for each in as_completed(waiting):
-            yield each.result()
+    with get_context("spawn").Pool(workers, maxtasksperchild=10) as pool:
+        yield from pool.imap_unordered(partial(try_drawn, seed), numbers)
 
 
 def read(path: Path) -> list[CellResult]:

@@ -40,6 +40,8 @@ DEADLINES_S = {"open": 150.0, "close": 150.0, "pick": 150.0, "place": 240.0}
 SETTLING_S = 0.5
 FRACTION_OPEN, FRACTION_CLOSED = 0.95, 0.04
 """What counts as open and as closed; the skills allow for an error of 5 and 4 %."""
+FALLING_M_S, MAX_FALLING = 0.3, 0.1
+"""A home in which more than this share of the loose things is faster than this after it has settled was misread."""
 LEAST_OPEN = 0.5
 """A front that is to be closed is opened at least so far before."""
 MISREAD_SHARE = 0.8
@@ -72,7 +74,8 @@ class Verdict(StrEnum):
     FALSE_REASON = "false reason"
     ERROR = "exception"
     NOT_BEGUN = "not begun"
-    """The robot does not stand in the home, or the front did not open before it was to be closed."""
+    """Things fall in the home as it was read, the robot does not stand in it, or the front that was to be closed did
+    not open before."""
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
@@ -213,6 +216,11 @@ def _try_in(simulation: Simulation, cell: Cell, written: WrittenHome) -> CellRes
         return CellResult(cell=cell, verdict=Verdict.NOT_BEGUN, reason=str(error))
     simulation.engine.run(_join_regions)
     simulation.step(SETTLING_S)
+    speeds = referee_of(simulation, robot).speeds()
+    falling = [name for name, speed in speeds.items() if speed > FALLING_M_S]
+    if len(falling) > MAX_FALLING * len(speeds):
+        reason = f"{len(falling)} of {len(speeds)} things fall, such as {falling[0]}"
+        return CellResult(cell=cell, verdict=Verdict.NOT_BEGUN, reason=reason)
     closed, is_front = 0.0, cell.skill in ("open", "close")
     try:
         if is_front:
