@@ -34,8 +34,9 @@ HEAD = """# Skills in generated homes
 What robots do in homes that no program was built for, as a [referee](#the-referee) saw it that shares no code with the
 skills. {count} cells with the seed {seeds} were drawn: a home of a random style, written in a random
 [dialect](../how-to/homes.md#write-a-home-in-another-dialect) and read back, a robot, a skill (open, close, pick or
-place) and a kind of thing, then one of that kind in the home. Nothing is left out because it is hard: many are out of
-reach of the robot, or behind something. This table was made by
+place) and a kind of thing, then one of that kind in the home. The robot begins at the free place of the floor that is
+nearest to the thing. Nothing is left out because it is hard: many are out of reach of the robot, or behind something.
+This table was made by
 
     {command}
 

@@ -206,12 +206,14 @@ def try_cell(cell: Cell) -> CellResult:
 def _try_in(simulation: Simulation, cell: Cell, written: WrittenHome) -> CellResult:
     truth = json.loads(written.truth)
     names = {body["id"]: name for name, body in truth["bodies"].items()}
-    ids = {str(body.iri).rpartition("#")[2]: str(body.id) for body in simulation.snapshot().bodies}
+    bodies = simulation.snapshot().bodies
+    ids = {str(body.iri).rpartition("#")[2]: str(body.id) for body in bodies}
     thing, support = (ids.get(names.get(each, ""), "") for each in (cell.thing, cell.support))
     if not thing or (cell.support and not support):
         return CellResult(cell=cell, verdict=Verdict.NOT_BEGUN, reason="the map as it was read does not have it")
+    x, y, _ = next(body.pose.position for body in bodies if body.id == thing)
     try:
-        robot = add_standing_robot(simulation, cell.robot)
+        robot = add_standing_robot(simulation, cell.robot, near=(x, y))
     except MindstageError as error:
         return CellResult(cell=cell, verdict=Verdict.NOT_BEGUN, reason=str(error))
     simulation.engine.run(_join_regions)
