@@ -56,6 +56,8 @@ _SHAPES = {
 }
 _HORIZONTAL = 0.1
 """Largest vertical component of the axis of a joint that moves a base sideways."""
+_COUPLING_ERRORS = {True: 1e-3, False: 0.02}
+"""By how much a prismatic [m] or another joint [rad] may deviate from a linear coupling without a note."""
 
 
 class MjcfRobot(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -178,6 +180,7 @@ class _MjcfRobotReader:
             )
             return
         lower, upper = joint.range or (None, None)
+        leader, multiplier, offset = joint.mimic or ("", 1.0, 0.0)
         type = RobotJointType.PRISMATIC
         if joint.type is MjcfJointType.HINGE:
             type = RobotJointType.CONTINUOUS if joint.range is None else RobotJointType.REVOLUTE
@@ -194,10 +197,19 @@ class _MjcfRobotReader:
             damping=joint.damping,
             friction=joint.friction,
             armature=joint.armature,
-            mimic=None
-            if joint.mimic is None
-            else RobotMimic(joint=joint.mimic[0], multiplier=joint.mimic[1], offset=joint.mimic[2]),
+            mimic=RobotMimic(joint=leader, multiplier=multiplier, offset=offset) if leader else None,
         )
+        if joint.mimic is not None and not leader:
+            text = "it is fixed, since equality constraints hold it"
+            self.notes.append(ModelNote(subject=name, text=text))
+            origin = pose_from_array(pose_multiply(frame, joint_motion(made, offset - joint.reference)))
+            self.joints.append(
+                RobotJoint(name=name, type=RobotJointType.FIXED, parent=parent, child=child, origin=origin)
+            )
+            return
+        if joint.mimic_error > _COUPLING_ERRORS[made.is_prismatic]:
+            text = f"it moves with {leader} by a loop; that it is {multiplier:.3g} times as far is off by at most"
+            self.notes.append(ModelNote(subject=name, text=f"{text} {joint.mimic_error:.2g} {made.unit}"))
         # A body is at its given pose when the joint is at its reference, not at 0.
         origin = pose_from_array(pose_multiply(frame, joint_motion(made, -joint.reference)))
         self.joints.append(msgspec.structs.replace(made, origin=origin))

@@ -31,7 +31,7 @@ from mindstage.robots.models.robot_model import (
     RobotModel,
 )
 from mindstage.robots.models.srdf import Srdf, read_srdf
-from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
+from mindstage.robots.models.structure import base_type, find_structure, is_named_as_finger, wheel_joints
 from mindstage.scene import Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
@@ -149,7 +149,9 @@ def _from_urdf(
         ModelNote(subject=issue.subject, text=f"{issue.problem}: {issue.action}", is_guess=not issue.is_missing)
         for issue in urdf.issues
     ]
-    geometries, geometry_notes = read_link_geometries(urdf, path, packages, cache=cache)
+    hands = {each.name for each in urdf.links if is_named_as_finger(each.name)}
+    hands |= {each.child for each in urdf.joints if is_named_as_finger(each.name)}
+    geometries, geometry_notes = read_link_geometries(urdf, path, packages, touching=hands, cache=cache)
     links = []
     for link in urdf.links:
         inertia, change = (None, "") if link.inertial is None else _inertia(link.inertial)

@@ -20,6 +20,7 @@ from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     Gripper,
+    GripperType,
     Head,
     ModelNote,
     RobotBase,
@@ -29,8 +30,9 @@ from mindstage.robots.models.robot_model import (
     SensorType,
 )
 from mindstage.robots.models.srdf import Srdf, SrdfGroup
+from mindstage.scene.transforms import Array
 
-__all__ = ["RobotStructure", "base_type", "find_structure", "wheel_joints"]
+__all__ = ["RobotStructure", "base_type", "find_structure", "is_named_as_finger", "wheel_joints"]
 
 _REST_STATES = ("rest", "tuck", "fold", "travel", "transport", "stow", "home", "park", "ready")
 """Words in the names of positions in which an arm is out of the way, the best first."""
@@ -42,8 +44,15 @@ _WHEEL = re.compile(r"wheel|caster|roller|suspension", re.IGNORECASE)
 _CASTER = re.compile(r"caster", re.IGNORECASE)
 _ARM = re.compile(r"arm|manipulator", re.IGNORECASE)
 _LEG = re.compile(r"leg|hip|knee|ankle|foot|feet|thigh|calf|shank|toe|rotor|propeller", re.IGNORECASE)
-_FINGER = re.compile(r"finger|gripper|jaw|thumb|knuckle|claw|(^|_)(index|middle|ring|little|pinky)(_|$)", re.IGNORECASE)
+_FINGER = re.compile(
+    r"finger|fngr|gripper|jaw|thumb|knuckle|claw|pincer|phalan|proximal|distal|metacarp"
+    r"|(^|_)(index|middle|ring|little|pinky)(_|$)",
+    re.IGNORECASE,
+)
 _NO_FINGER = re.compile(r"roll|yaw|wrist|camera", re.IGNORECASE)
+_TOOL = re.compile(r"suction|vacuum|magnet|(^|_)hook(_|$)", re.IGNORECASE)
+_MAX_FINGER_M = 0.25
+"""Length of the fingers of a hand that nothing names."""
 _HEAD = re.compile(r"head|neck", re.IGNORECASE)
 _SIDES = (("left", re.compile(r"left|(^|_)l(_|$)|^L[A-Z]")), ("right", re.compile(r"right|(^|_)r(_|$)|^R[A-Z]")))
 _SENSORS = (
@@ -79,6 +88,11 @@ def find_structure(tree: LinkTree, srdf: Srdf, *, base: BaseType) -> RobotStruct
         base: the result of `base_type`.
     """
     return _StructureFinder(tree, srdf, base).find()
+
+
+def is_named_as_finger(name: str) -> bool:
+    """Whether a link or a joint is a part of a gripper by its name."""
+    return _FINGER.search(name) is not None
 
 
 def wheel_joints(joints: Iterable[RobotJoint]) -> list[RobotJoint]:
@@ -121,6 +135,7 @@ class _StructureFinder:
 
     def find(self) -> RobotStructure:
         grippers = self._stated_grippers() or self._guessed_grippers()
+        self._note_tools(grippers)
         arms = self._arms(self._stated_arms() or self._guessed_arms(grippers), grippers)
         return RobotStructure(
             base=self._base(),
@@ -221,6 +236,18 @@ class _StructureFinder:
     # -- guesses -------------------------------------------------------------------------------------------------------
 
     def _guessed_grippers(self) -> list[Gripper]:
+        """By their names, or by what they do if none of those has fingers that close on each other."""
+        count = len(self.notes)
+        named = self._named_grippers()
+        if any(each.type is GripperType.PARALLEL and each.link not in each.finger_links for each in named):
+            return named
+        self.notes, notes = self.notes[:count], self.notes
+        if unnamed := self._unnamed_grippers():
+            return unnamed
+        self.notes = notes
+        return named
+
+    def _named_grippers(self) -> list[Gripper]:
         """Groups of joints that are named as fingers, and have no other joint below them."""
         clusters: dict[str, list[RobotJoint]] = {}
         for joint in self.tree.joints.values():
@@ -229,7 +256,7 @@ class _StructureFinder:
                     each for each in self.tree.ancestors(joint.parent) if each.is_movable and self._is_finger(each)
                 ]
                 top = above[-1] if above else joint
-                clusters.setdefault(self._rigid_root(top.parent), []).append(joint)
+                clusters.setdefault(self.tree.rigid_root(top.parent), []).append(joint)
         found: list[Gripper] = []
         for root, joints in clusters.items():
             names = {joint.name for joint in joints}
@@ -239,11 +266,58 @@ class _StructureFinder:
             side = _side([root]) or _side(joint.name for joint in moving)
             name = f"{side}_gripper" if side and len(clusters) > 1 else "gripper"
             name = name if all(each.name != name for each in found) else f"{root}_gripper"
-            gripper = self._gripper(name, self._palm(root, moving), moving) if moving else None
+            gripper = self._gripper(name, self._palm(root, moving), moving)
             if gripper is not None:
                 self._guess(name, f"{', '.join(gripper.joints)} move its fingers, by their names")
                 found.append(gripper)
         return found
+
+    def _unnamed_grippers(self) -> list[Gripper]:
+        """Links with short branches of moving links that close on each other, whatever they are called."""
+        found: list[Gripper] = []
+        poses = self.tree.poses(rest_positions(self.tree.joints.values()))
+        taken: set[str] = set()
+        for link in self.tree.links:  # parents come first
+            joint = self.tree.parent_joint.get(link)
+            if link in taken or (joint is not None and not joint.is_movable):
+                continue
+            below = [
+                each
+                for rigid in self.tree.rigid_links(link)
+                for each in self.tree.child_joints.get(rigid, ())
+                if each.is_movable
+            ]
+            if len(below) < 2 or not all(self._is_short(each, poses) for each in below):
+                continue
+            inside = self.tree.subtree(link)[1:]
+            moving = [each for name in inside if (each := self.tree.parent_joint[name]).is_movable]
+            notes: list[ModelNote] = []
+            palm = self._palm(link, moving)
+            name = "gripper" if not found else f"{palm}_gripper"
+            gripper = analyze_gripper(self.tree, name, palm, moving, notes)
+            if gripper is not None and gripper.type is GripperType.PARALLEL:
+                taken.update(inside)
+                self.notes += notes
+                self._guess(name, f"{', '.join(gripper.joints)} move its fingers, since these close on each other")
+                found.append(gripper)
+        return found
+
+    def _is_short(self, joint: RobotJoint, poses: Mapping[str, Array]) -> bool:
+        """Whether a joint may carry a finger by its length, and by what is below it."""
+        links = self.tree.subtree(joint.child)
+        points = self.tree.points(links, poses)
+        names = [joint.name, *links]
+        if not len(points) or any(_LEG.search(each) or _WHEEL.search(each) or _HEAD.search(each) for each in names):
+            return False
+        return float(np.linalg.norm(points - poses[joint.child][:3], axis=1).max()) <= _MAX_FINGER_M
+
+    def _note_tools(self, grippers: Sequence[Gripper]) -> None:
+        """Says of suction cups, magnets and hooks that nothing is grasped with them."""
+        fingers = {link for each in grippers for link in self.tree.subtree(each.link)}
+        for name in self.tree.links:
+            if _TOOL.search(name) and name not in fingers:
+                text = "what it holds is not simulated: the robot grasps with fingers that close, and has none there"
+                self.notes.append(ModelNote(subject=name, text=text, is_guess=False))
 
     def _is_finger(self, joint: RobotJoint) -> bool:
         if not (_FINGER.search(joint.name) or _FINGER.search(joint.child)):
@@ -260,12 +334,6 @@ class _StructureFinder:
         moved = [each.child for each in cluster if each.name in names]
         geometries = (self.tree.links[link].geometry for top in moved for link in self.tree.subtree(top))
         return any(geometry is not None and geometry.collision_shapes for geometry in geometries)
-
-    def _rigid_root(self, link: str) -> str:
-        """The uppermost link to which a link is fixed."""
-        while (joint := self.tree.parent_joint.get(link)) is not None and not joint.is_movable:
-            link = joint.parent
-        return link
 
     def _guessed_arms(self, grippers: Sequence[Gripper]) -> list[_ArmPart]:
         """The chains to the grippers; without these, long chains at the end of the tree that are no legs."""
