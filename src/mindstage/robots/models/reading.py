@@ -31,7 +31,13 @@ from mindstage.robots.models.robot_model import (
     RobotModel,
 )
 from mindstage.robots.models.srdf import Srdf, read_srdf
-from mindstage.robots.models.structure import base_type, find_structure, is_named_as_finger, wheel_joints
+from mindstage.robots.models.structure import (
+    base_type,
+    find_structure,
+    is_named_as_finger,
+    wheel_joints,
+    without_base_joints,
+)
 from mindstage.scene import Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
@@ -105,7 +111,6 @@ class _Description(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     links: Sequence[RobotLink]
     joints: Sequence[RobotJoint]
     notes: Sequence[ModelNote]
-    base: BaseType | None = None
     states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...] = ()
     disabled_collisions: frozenset[tuple[str, str]] = frozenset()
     urdf: str = ""
@@ -130,7 +135,6 @@ def _from_mjcf(path: Path, source: ModelSource, folders: Sequence[Path]) -> _Des
         links=robot.links,
         joints=joints,
         notes=(*robot.notes, *notes),
-        base=robot.base,
         states=robot.states,
         disabled_collisions=robot.disabled_collisions,
     )
@@ -174,9 +178,8 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
     """The model of a description: the tree in order, without the joints of wheels, and its parts."""
     links, joints, tree_notes = sorted_tree(description.links, description.joints)
     base_notes: list[ModelNote] = []
-    base = base_type(joints, srdf, base_notes)
-    if base is BaseType.FIXED and description.base is not None:
-        base = description.base
+    links, joints, is_moved = without_base_joints(links, joints, base_notes)
+    base = BaseType.PLANAR if is_moved else base_type(joints, srdf, base_notes)
     if base is not BaseType.FIXED and (wheels := wheel_joints(joints)):
         text = "it is fixed, as the wheels and casters of the base are: the base is moved as a whole"
         base_notes += (ModelNote(subject=joint.name, text=text) for joint in wheels)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from mindstage.robots.models.forward_kinematics import rest_positions
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.models.robot_model import (
@@ -26,13 +26,21 @@ from mindstage.robots.models.robot_model import (
     RobotBase,
     RobotJoint,
     RobotJointType,
+    RobotLink,
     RobotSensor,
     SensorType,
 )
 from mindstage.robots.models.srdf import Srdf, SrdfGroup
-from mindstage.scene.transforms import Array
+from mindstage.scene.transforms import Array, quat_rotate
 
-__all__ = ["RobotStructure", "base_type", "find_structure", "is_named_as_finger", "wheel_joints"]
+__all__ = [
+    "RobotStructure",
+    "base_type",
+    "find_structure",
+    "is_named_as_finger",
+    "wheel_joints",
+    "without_base_joints",
+]
 
 _REST_STATES = ("rest", "tuck", "fold", "travel", "transport", "stow", "home", "park", "ready")
 """Words in the names of positions in which an arm is out of the way, the best first."""
@@ -64,6 +72,8 @@ _SENSORS = (
 )
 _FLOOR_TOLERANCE_M = 0.03
 """A root whose geometry reaches less far below its origin stands on the floor with its origin."""
+_LEVEL = 0.1
+"""Largest vertical component of the axis of a slide that moves a base, and what that of a turn may lack to 1."""
 _LOW_M = 0.5
 """Height below which links count for the radius of a base that drives."""
 
@@ -116,6 +126,49 @@ def base_type(joints: Iterable[RobotJoint], srdf: Srdf, notes: list[ModelNote]) 
         notes.append(ModelNote(subject="base", text=text))
         return BaseType.DIFFERENTIAL
     return BaseType.FIXED
+
+
+def without_base_joints(
+    links: Sequence[RobotLink], joints: Sequence[RobotJoint], notes: list[ModelNote]
+) -> tuple[tuple[RobotLink, ...], tuple[RobotJoint, ...], bool]:
+    """Leaves out joints that move a whole robot over the floor, since its base is moved by a planar joint.
+
+    Such joints, two slides and often a turn, are between the first links of a description, which have no geometry.
+
+    Args:
+        links: the root first.
+        joints: parents before children.
+        notes: what is left out is appended.
+
+    Returns:
+        The links and joints that are left, and whether there were any such joints.
+    """
+    geometries = {link.name: link.geometry for link in links}
+    poses = link_poses(joints, rest_positions(joints), links[0].name)
+    link, chain, slides = links[0].name, list[RobotJoint](), 0
+    while geometries[link] is None:
+        below = [joint for joint in joints if joint.parent == link]
+        if len(below) != 1:
+            break
+        (joint,) = below
+        vertical = abs(float(quat_rotate(poses[joint.child][3:], np.array(joint.axis))[2]))
+        slides += joint.is_prismatic and vertical < _LEVEL
+        if joint.is_movable and not joint.is_prismatic and vertical < 1.0 - _LEVEL:
+            break
+        chain.append(joint)
+        link = joint.child
+    while chain and not chain[-1].is_movable:
+        chain.pop()
+    if slides < 2:
+        return tuple(links), tuple(joints), False
+    names = ", ".join(joint.name for joint in chain if joint.is_movable)
+    notes.append(ModelNote(subject="base", text=f"it is moved as a whole over the floor, instead of by {names}"))
+    gone = {joint.parent for joint in chain}
+    return (
+        tuple(each for each in links if each.name not in gone),
+        tuple(each for each in joints if each.parent not in gone),
+        True,
+    )
 
 
 class _ArmPart(NamedTuple):
