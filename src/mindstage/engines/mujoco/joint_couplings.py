@@ -26,12 +26,14 @@ _ITERATIONS = 40
 _MAX_STEP = 0.2
 """Largest step of a solution [m or rad]."""
 _SOLVED = 1e-9
+"""A smaller step ends the solution of the constraints [m or rad]."""
 _RELAXED = 1e-5
-"""A step that is smaller ends a solution [m or rad]."""
+"""A smaller step ends the relaxation of the springs [m or rad]."""
 _TOLERANCE = 1e-3
 """Largest violation of constraints that count as met [m or rad]: files state anchors with few digits."""
 _MIN_SAMPLES = 3
 _RANK_TOLERANCE = 1e-6
+"""Derivatives that are smaller count as 0 [m/m, m/rad, rad/m or rad/rad]."""
 _FIXED_SLOPE = 1e-3
 """A joint that moves less, as a fraction of another, does not follow it."""
 _UNDRIVEN = 2

@@ -55,6 +55,7 @@ _WINDOW_M = tuple(product((-0.008, 0.0, 0.008), (-0.004, 0.0, 0.004)))
 _SHARES = np.linspace(0.0, 1.0, 41)
 """The parts of the way from open to closed at which an only finger is measured."""
 _PARALLEL = 1e-9
+"""Sine of the angle up to which a line is parallel to a face."""
 _SPRING = re.compile(r"spring|passive|complian", re.IGNORECASE)
 
 
@@ -256,7 +257,7 @@ class _Positions:
 
     def measure(self, opens_by: _OpensBy) -> Callable[[Mapping[str, float]], float]:
         """A function of the positions of the drives that is larger the farther the gripper is open [m]."""
-        if self.is_one_jaw:
+        if self.is_one_jaw and len(self.branches) == 2:
             return self._tip_distance
         return self._reach if opens_by is _OpensBy.REACH else self._spread
 
