@@ -6,6 +6,7 @@ import pickle
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -13,14 +14,17 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mindstage.engines import NullEngine
+from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.errors import RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, drives
 from mindstage.robots.abilities import profile_of_model
+from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.models import catalog
 from mindstage.robots.models.catalog import find_model, list_models
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
@@ -868,6 +872,61 @@ def test_one_slide_is_a_rail_and_no_driving_base(tmp_path: Path) -> None:
     model = load_model(written(tmp_path, text, "rail.xml"))
     assert model.base.type is BaseType.FIXED
     assert [joint.name for joint in model.actuated_joints] == ["x", "pan", "tilt"]
+
+
+# -- self-collisions ---------------------------------------------------------------------------------------------------
+
+
+def channel() -> str:
+    """An OBJ file: a back plate and two side walls, open to the front; its hull is the whole box."""
+    boxes = (
+        ((-0.11, -0.09), (-0.15, 0.15)),
+        ((-0.11, 0.1), (-0.15, -0.13)),
+        ((-0.11, 0.1), (0.13, 0.15)),
+    )
+    meshes = [trimesh.creation.box(bounds=np.array([[x0, y0, -0.1], [x1, y1, 0.1]])) for (x0, x1), (y0, y1) in boxes]
+    return trimesh.util.concatenate(meshes).export(file_type="obj")
+
+
+IN_A_CHANNEL = """
+<robot name="r">
+  <link name="base">{box}</link>
+  <link name="torso"><collision><geometry><mesh filename="channel.obj"/></geometry></collision></link>
+  <link name="pan"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <link name="bar">
+    <collision><origin xyz="0.1 0 0"/><geometry><box size="0.2 0.02 0.02"/></geometry></collision>
+  </link>
+  {more}
+  <joint name="up" type="fixed"><parent link="base"/><child link="torso"/><origin xyz="0 0 0.5"/></joint>
+  <joint name="turn" type="revolute"><parent link="torso"/><child link="pan"/><axis xyz="0 0 1"/>{limit}</joint>
+  <joint name="nod" type="revolute"><parent link="pan"/><child link="bar"/><axis xyz="0 1 0"/>{limit}</joint>
+</robot>
+"""
+LIMIT = '<limit lower="-1.2" upper="1.2" effort="1" velocity="1"/>'
+
+
+def test_an_arm_moves_in_the_hollow_of_a_torso_and_not_through_its_walls(tmp_path: Path) -> None:
+    (tmp_path / "channel.obj").write_text(channel())
+    small, more = BOX.replace("0.1 0.1 0.1", "0.02 0.02 0.02"), ""
+    for parent, child in pairwise(("bar", "l1", "l2", "l3")):
+        more += (
+            f'<link name="{child}">{small}</link><joint name="{child}_j" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="0.2 0 0"/><axis xyz="0 1 0"/>{LIMIT}</joint>'
+        )
+    path = written(tmp_path, IN_A_CHANNEL.format(box=BOX, more=more, limit=LIMIT))
+    hull = load_model(path, cache=tmp_path / "cache")
+    assert ("bar", "torso") in hull.disabled_collisions, "they always touch by their hulls, as for MoveIt"
+    model = load_model(path, cache=tmp_path / "cache", divide=True)
+    assert any(note.subject == "bar, torso" and "divided" in note.text for note in model.notes)
+    assert ("bar", "torso") not in model.disabled_collisions
+    sim = Simulation(KnowledgeBase(), engine=MujocoEngine())
+    checker = CollisionChecker(add_robot(sim, model))
+    assert checker.find_at({"turn": 0.0}) is None
+    assert checker.find_at({"turn": 0.4}) is None
+    hit = checker.find_at({"turn": 1.0})
+    assert hit is not None
+    assert {str(hit.part), str(hit.obstacle)} == {"bar", "torso"}
+    sim.close()
 
 
 # -- the catalog -------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ physics needs none. Meshes keep the axes of their files: RViz and the planners o
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -80,6 +80,7 @@ def read_link_geometries(
     packages: RosPackagePath,
     *,
     touching: Collection[str] = (),
+    divided: Collection[str] = (),
     cache: Path | None = None,
 ) -> tuple[dict[str, BodyGeometry], list[ModelNote]]:
     """Reads the geometry of all links.
@@ -89,6 +90,7 @@ def read_link_geometries(
         path: its file; relative paths of meshes are relative to its folder.
         packages: where `package://` meshes are searched.
         touching: the links that have to touch things; without collision shapes, they get those of their visual meshes.
+        divided: the links whose collision meshes are divided into convex parts; those of others are their hulls.
         cache: directory for imported meshes; by default in the user's cache.
 
     Returns:
@@ -104,6 +106,7 @@ def read_link_geometries(
         if part.mesh is not None
     }
     solid = {part.mesh for parts in solid_parts.values() for part in parts if part.mesh is not None}
+    in_parts = {part.mesh for name in divided for part in solid_parts[name] if part.mesh is not None}
     found = {name: file for name, file in files.items() if file is not None}
     imported, rejected = import_meshes(
         [file for name, file in found.items() if name in solid],
@@ -112,13 +115,16 @@ def read_link_geometries(
         keep_axes=True,
         visuals=False,
     )
+    parts, _ = import_meshes(
+        [file for name, file in found.items() if name in in_parts], folder=cache, keep_axes=True, visuals=False
+    )
     drawn = tuple(
         dict.fromkeys(found[part.mesh] for link in robot.links for part in link.visuals if part.mesh in found)
     )
     geometries = {}
     for link in robot.links:
-        solids = (_collision_shape(part, found, imported) for part in solid_parts[link.name])
-        shapes = [shape for shape in solids if shape is not None]
+        meshes = imported | parts if link.name in divided else imported
+        shapes = [shape for part in solid_parts[link.name] for shape in _collision_shapes(part, found, meshes)]
         visuals = [visual for part in link.visuals if (visual := _visual_part(part, found)) is not None]
         if shapes or visuals:
             geometries[link.name] = geometry_of_parts(visuals, shapes, reason=path.name, cache=cache, siblings=drawn)
@@ -166,17 +172,17 @@ def _rejection_notes(robot: UrdfRobot, found: Mapping[str, Path], rejected: Mapp
     return notes
 
 
-def _collision_shape(
+def _collision_shapes(
     part: UrdfGeometry, files: Mapping[str, Path], imported: Mapping[Path, ImportedMesh]
-) -> CollisionShape | None:
+) -> Iterator[CollisionShape]:
     if part.geometry_type is not UrdfGeometryType.MESH:
-        return _primitive_shape(part)
-    file = files.get(part.mesh or "")
-    mesh = None if file is None else imported.get(file)
-    if mesh is None:
-        return None
-    points = np.concatenate(mesh.convex_parts) * part.mesh_scale
-    return hull_shape(_placed(points, part.mesh_origin))
+        shapes: Iterable[CollisionShape | None] = (_primitive_shape(part),)
+    else:
+        file = files.get(part.mesh or "")
+        mesh = None if file is None else imported.get(file)
+        pieces = () if mesh is None else mesh.convex_parts
+        shapes = (hull_shape(_placed(points * part.mesh_scale, part.mesh_origin)) for points in pieces)
+    yield from (shape for shape in shapes if shape is not None)
 
 
 def _primitive_shape(part: UrdfGeometry) -> CollisionShape | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -30,6 +31,7 @@ from mindstage.robots.models.robot_model import (
     RobotMimic,
     RobotModel,
 )
+from mindstage.robots.models.self_contacts import find_self_contacts
 from mindstage.robots.models.srdf import Srdf, read_srdf
 from mindstage.robots.models.structure import (
     base_type,
@@ -38,7 +40,7 @@ from mindstage.robots.models.structure import (
     wheel_joints,
     without_base_joints,
 )
-from mindstage.scene import Vector
+from mindstage.scene import BodyGeometry, Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 
@@ -69,6 +71,7 @@ def load_model(
     srdf: Path | None = None,
     folders: Iterable[Path] = (),
     xacro: XacroRequest = None,
+    divide: bool = False,
     cache: Path | None = None,
 ) -> RobotModel:
     """Reads a robot description.
@@ -82,6 +85,9 @@ def load_model(
         xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`. A
             mapping gives the values of its arguments (`xacro:arg`), and asks for it too. Give False for a source that
             the user has not chosen.
+        divide: whether the collision meshes of links near each other whose hulls touch in many states are divided into
+            convex parts, without an SRDF that states which pairs do not collide. The first time this takes some seconds
+            for each. By default the shape of a mesh is its hull.
         cache: directory for imported meshes; by default in the user's cache.
 
     Raises:
@@ -101,6 +107,8 @@ def load_model(
     if used is not None and stated is None:
         note = ModelNote(subject="", text=f"{used.name} is its SRDF, by its name")
         description = replace(description, notes=(*description.notes, note))
+    if not divide:
+        description = replace(description, divided=None)
     return _assemble(description, Srdf() if used is None else read_srdf(used), path, name)
 
 
@@ -114,6 +122,8 @@ class _Description(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...] = ()
     disabled_collisions: frozenset[tuple[str, str]] = frozenset()
     urdf: str = ""
+    divided: Callable[[Collection[str]], Mapping[str, BodyGeometry]] | None = None
+    """The geometry of all links, in which the collision meshes of some are divided; None if they stay as they are."""
 
 
 def _is_mjcf(path: Path) -> bool:
@@ -155,7 +165,8 @@ def _from_urdf(
     ]
     hands = {each.name for each in urdf.links if is_named_as_finger(each.name)}
     hands |= {each.child for each in urdf.joints if is_named_as_finger(each.name)}
-    geometries, geometry_notes = read_link_geometries(urdf, path, packages, touching=hands, cache=cache)
+    read = partial(read_link_geometries, urdf, path, packages, touching=hands, cache=cache)
+    geometries, geometry_notes = read()
     links = []
     for link in urdf.links:
         inertia, change = (None, "") if link.inertial is None else _inertia(link.inertial)
@@ -171,6 +182,7 @@ def _from_urdf(
         joints=joints,
         notes=(*notes, *geometry_notes, *joint_notes, *coupling_notes, *mimic_notes),
         urdf=urdf.source_xml,
+        divided=lambda links: read(divided=links)[0],
     )
 
 
@@ -187,9 +199,13 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
         joints = tuple(_fixed(joint) if joint.name in fixed else joint for joint in joints)
     states = (*srdf.states, *description.states)
     tree = LinkTree(links, joints)
+    stated = srdf.disabled_collisions | description.disabled_collisions
+    disabled = {pair for pair in stated | tree.neighbors() if tree.links.keys() >= set(pair)}
     structure = find_structure(tree, replace(srdf, states=states), base=base)
-    names = {link.name for link in links}
-    disabled = {pair for pair in srdf.disabled_collisions | description.disabled_collisions if names.issuperset(pair)}
+    contact_notes: list[ModelNote] = []
+    if structure.arms and not srdf.disabled_collisions:
+        links, always = _self_contacts(description, links, joints, disabled, contact_notes)
+        disabled |= always
     return RobotModel(
         name=name or description.name,
         links=links,
@@ -200,12 +216,37 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
         head=structure.head,
         sensors=structure.sensors,
         group_states=states,
-        disabled_collisions=frozenset(disabled | tree.neighbors()),
+        disabled_collisions=frozenset(disabled),
         home_positions=structure.home_positions,
         source=str(path),
         urdf=description.urdf,
-        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes),
+        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes, *contact_notes),
     )
+
+
+def _self_contacts(
+    description: _Description,
+    links: tuple[RobotLink, ...],
+    joints: tuple[RobotJoint, ...],
+    ignored: Collection[tuple[str, str]],
+    notes: list[ModelNote],
+) -> tuple[tuple[RobotLink, ...], frozenset[tuple[str, str]]]:
+    """The links, of which those are divided whose hulls others often touch, and the pairs that always touch.
+
+    Only files without SRDF need this: that states which pairs do not collide.
+    """
+    found = find_self_contacts(LinkTree(links, joints), ignored=ignored)
+    if not found.often or description.divided is None:
+        return links, found.always
+    hollow = dict.fromkeys(link for pair in found.often for link in pair)
+    geometries = description.divided(hollow.keys())
+    divided = tuple(replace(each, geometry=geometries[each.name]) if each.name in hollow else each for each in links)
+    for (first, second), share in found.often.items():
+        text = (
+            f"their hulls touch in {share:.0%} of random states: their collision meshes are divided into convex parts"
+        )
+        notes.append(ModelNote(subject=f"{first}, {second}", text=text))
+    return divided, find_self_contacts(LinkTree(divided, joints), ignored=ignored).always
 
 
 def _fixed(joint: RobotJoint) -> RobotJoint:
