@@ -452,7 +452,7 @@ class _PartMotionSearch:
             UnreachableError: there is none.
         """
         if not candidates:
-            return []
+            raise UnreachableError(self.hand.robot.name, target=body, reason=self._why_no_grasp(way))
         checker = HandChecker(self.hand.robot, self.hand.gripper, touch={self.part.id, self.handle})
         free: list[tuple[float, Grasp, Array]] = []
         worst: list[Collision] = []
@@ -473,6 +473,17 @@ class _PartMotionSearch:
                 obstacle=None if nearest is None else nearest.obstacle,
             )
         return _varied(long_enough)
+
+    def _why_no_grasp(self, way: PartContact) -> str:
+        """Why there is nothing at which the part can be grasped or pushed."""
+        part = self.part
+        if way is PartContact.HANDLE and part.handle is None:
+            free = "is only ajar" if self.openness > 0.0 else "is closed"
+            return f"it has no handle, and no edge of it is free while it {free}"
+        gripper, size = self.hand.gripper, self.surroundings.body(part.handle or part.id).size or (0.0,)
+        what = "its handle" if way is PartContact.HANDLE else "its edge"
+        width_m, opening_m = min(size), gripper.max_opening_m
+        return f"{what}, {width_m:.3f} m across, does not fit the {gripper.name}, which opens {opening_m:.3f} m"
 
     def _hit_before(self, checker: HandChecker, way: PartContact, grasp: Grasp, at: Array) -> Collision | None:
         """What the gripper touches at a grasp, or on the straight line to it."""
