@@ -30,7 +30,7 @@ from mindstage.episodes.geometry_file import decode_geometry
 from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFile, EpisodeLoss, FileChunk, StoredMessage
 from mindstage.episodes.messages import ChunkHead, EpisodeDecoder, EpisodeTopic, WorldRecord
 from mindstage.episodes.recorder import EpisodeHeader
-from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame
+from mindstage.episodes.recording import FAULT_EDIT, DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame
 from mindstage.episodes.structure import WorldStructure
 from mindstage.errors import EpisodeFileError, EpisodeTimeError, without_surrogates
 from mindstage.knowledge import KnowledgeBase
@@ -431,6 +431,11 @@ class Episode:
         """All edits and requests, in the order of time."""
         with self._lock:
             return tuple(edit for chunk in self._readable(EpisodeTopic.EDITS) for edit in chunk.edits)
+
+    def faults(self) -> tuple[str, ...]:
+        """What is derived from the recording and could not be made, such as events at some time, and why."""
+        edits = (edit for edit in self.edits() if edit.kind == FAULT_EDIT)
+        return tuple(f"{edit.details['part']}: {edit.details['cause']}" for edit in edits)
 
     def events(self) -> tuple[EpisodeEvent, ...]:
         """All events, in the order of their begin; those of a recording without events are detected now, once."""

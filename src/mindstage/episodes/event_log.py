@@ -42,6 +42,12 @@ class EventLog:
         self._events[id] = replace(event, end_s=max(end_s, event.begin_s), **fields)
         self._changed[id] = None
 
+    def end_all(self, time_s: float, reason: str) -> None:
+        """Ends all events that last, for a reason that is added to their evidence."""
+        for id, event in tuple(self._events.items()):
+            if event.end_s is None:
+                self.end(id, time_s, evidence=(*event.evidence, reason))
+
     def take_changed(self) -> tuple[EpisodeEvent, ...]:
         """The events that began or ended since the last call, each as it is now."""
         changed, self._changed = self._changed, {}

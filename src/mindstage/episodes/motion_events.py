@@ -237,7 +237,7 @@ def free_flight_begin(times: Array, heights: Array, window_s: float, tolerance_m
     slope, height = np.polyfit(times[first:], lifted[first:], 1)
     agrees = np.abs(lifted - slope * times - height) <= tolerance_m
     apart = np.flatnonzero(~agrees)
-    return float(times[apart[-1] + 1 if len(apart) else 0])
+    return float(times[min(apart[-1] + 1, len(times) - 1) if len(apart) else 0])
 
 
 class FallDetector:

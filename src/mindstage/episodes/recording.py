@@ -24,6 +24,7 @@ from mindstage.scene.edits import Edit, edit_from_json
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, quat_angle
 
 __all__ = [
+    "FAULT_EDIT",
     "RESTING_TOLERANCE",
     "DriveState",
     "EpisodeEdit",
@@ -34,6 +35,9 @@ __all__ = [
     "Recording",
 ]
 
+FAULT_EDIT = "fault"
+"""The kind of an edit that states that something that is derived from a recording could not be made; its details are
+the part, such as "events", and the cause."""
 RESTING_TOLERANCE = 1e-3
 """A body that was moved when it was spawned keeps its described pose within this of the pose it got [m, rad]."""
 _ROUNDING = 1e-12
