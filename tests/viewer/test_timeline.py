@@ -214,7 +214,7 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
     sample = tracking.MotionTracker.sample
 
     def fail(self: tracking.MotionTracker, time_s: float, *args: Any) -> Any:
-        if time_s > 1.0:
+        if time_s > 0.3:
             raise IndexError("a planted bug")
         return sample(self, time_s, *args)
 
@@ -230,10 +230,10 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
                 client.ask("recording.stop")
             name = client.ask("recording.start")
             wait_until(lambda: (other.latest_value("recording") or {}).get("path") == name, "others see it")
-            sim.step(1.5)  # a frame is searched for events when the next one has come
-            sim.step(0.5)
+            sim.step(1.6)
             wait_until(lambda: other.latest_value("recording")["time_s"] == 2, "and for how long")
             assert not other.latest_value("recording")["failed"]
+            sim.step(0.4)  # a frame is searched for events when the next one has come
             wait_until(lambda: "a planted bug" in (other.latest_value("recording")["fault"] or ""), "a fault is shown")
             assert str(tmp_path) not in other.latest_value("recording")["fault"]
             sim.edits.delete([MUG])

@@ -11,7 +11,7 @@ print(detector.events)
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from mindstage.episodes.event_log import EventLog
 from mindstage.episodes.handling_events import HandlingDetector
 from mindstage.episodes.motion_events import FallDetector, JointMotionDetector, SlideDetector, TipDetector
 from mindstage.episodes.recording import EpisodeEvent, EpisodeFrame, Recording
-from mindstage.episodes.tracking import BodyTable, DetectionThresholds, MotionTracker
+from mindstage.episodes.tracking import AgentTracker, BodyTable, DetectionThresholds, MotionTracker
 from mindstage.errors import EpisodeError
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap
 from mindstage.scene.transforms import normalize, pose_array
@@ -52,18 +52,27 @@ class EventDetector:
     are certain a tenth of a second after they have begun; their times are those of the frames all the same.
     """
 
-    def __init__(self, *, geometry: GeometryMap = NO_GEOMETRY, thresholds: DetectionThresholds | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        geometry: GeometryMap = NO_GEOMETRY,
+        thresholds: DetectionThresholds | None = None,
+        agents: Collection[BodyId] = (),
+    ) -> None:
         """Creates a detector that has seen no frame.
 
         Args:
             geometry: the geometry of the bodies, by which contacts are found where none were recorded; a body without
                 an entry is its primitive shape.
             thresholds: by default those that `DetectionThresholds` documents.
+            agents: bodies that can hold others, besides those that are described as parts of robots, hands or grippers,
+                and those that move by themselves.
         """
         self.thresholds = DetectionThresholds() if thresholds is None else thresholds
         self.faults: list[DetectionFault] = []
         """When it failed, and why."""
         self._geometry = geometry
+        self._named_agents = frozenset(agents)
         self._log = EventLog()
         self._begin()
         self._pending: EpisodeFrame | None = None
@@ -74,8 +83,9 @@ class EventDetector:
         """Begins with no frame seen; the events so far stay."""
         self._motion = MotionTracker(self.thresholds)
         self._contacts = ContactTracker(self.thresholds, self._geometry, self._log)
+        self._agents = AgentTracker(self._named_agents)
         self._joints = JointMotionDetector(self.thresholds, self._log)
-        self._handling = HandlingDetector(self.thresholds, self._log, self._contacts)
+        self._handling = HandlingDetector(self.thresholds, self._log, self._contacts, self._agents)
         self._falls = FallDetector(self.thresholds, self._log)
         self._tips = TipDetector(self.thresholds, self._log)
         self._slides = SlideDetector(self.thresholds, self._log, self._contacts)
@@ -86,14 +96,14 @@ class EventDetector:
 
     @property
     def events(self) -> tuple[EpisodeEvent, ...]:
-        """All events so far, in the order of their begin; those that last have no end."""
+        """All events so far, in the order of their begin; those that last have no end. Final after `finish`."""
         return self._log.events
 
     def update(self, frame: EpisodeFrame) -> tuple[EpisodeEvent, ...]:
         """Takes a frame; returns the events that were found to have begun or ended, each as it is now.
 
-        An event is returned once or twice: when it begins, with no end, and when it ends, with the same id. Of two
-        frames of the same time the last one counts.
+        An event is returned once or twice: when it begins, with no end, and when it ends, with the same id, or when it
+        is withdrawn. Of two frames of the same time the last one counts.
 
         Raises:
             EpisodeError: the frame is earlier than the one before, or the detector is finished.
@@ -118,6 +128,7 @@ class EventDetector:
             self._finished = True
             if self._pending is not None:
                 self._try(self._pending, None)
+            self._log.is_final = True
         return self._log.take_changed()
 
     def _try(self, frame: EpisodeFrame, after: EpisodeFrame | None) -> None:
@@ -169,9 +180,11 @@ class EventDetector:
             poses[row] = pose if np.isfinite(pose).all() else (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
-def detect_events(recording: Recording, *, thresholds: DetectionThresholds | None = None) -> tuple[EpisodeEvent, ...]:
+def detect_events(
+    recording: Recording, *, thresholds: DetectionThresholds | None = None, agents: Collection[BodyId] = ()
+) -> tuple[EpisodeEvent, ...]:
     """Returns all events of a recording, in the order of their begin; faults are logged."""
-    detector = EventDetector(geometry=recording.geometry, thresholds=thresholds)
+    detector = EventDetector(geometry=recording.geometry, thresholds=thresholds, agents=agents)
     for frame in recording.frames():
         detector.update(frame)
     detector.finish()

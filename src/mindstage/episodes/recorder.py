@@ -51,7 +51,7 @@ from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import SKILL_EDIT, as_client
 
-__all__ = ["EpisodeHeader", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
+__all__ = ["FINAL_EVENTS", "EpisodeHeader", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
 
 _POLL_S = 0.1
 """Wall time between two turns of the writing thread [s]."""
@@ -59,10 +59,14 @@ _CHUNK_WALL_S = 0.6
 """Wall time after which a chunk is written, so that a killed process loses less than a second."""
 _CHUNK_FRAMES = 120
 """Seeking decodes a chunk."""
+_CHUNK_S = 4.5
+"""Episode time of a chunk: damage costs as much [s]."""
 _CHUNK_BYTES = 1 << 20
 _BASE_S = 30.0
 """Episode time after which a chunk begins with the state of all bodies."""
 _MAX_RATE_HZ = 1000.0
+FINAL_EVENTS = "events.json.zst"
+"""The attachment with the final events."""
 _MAX_RESTING_FRAMES = 30
 """Frames without any change after which no more are searched for events until something moves."""
 _STOP_TIMEOUT_S = 60.0
@@ -183,15 +187,7 @@ class Recorder:
         self._performances: dict[str, EpisodeEvent] = {}
         """The skills that are being performed."""
         self._performed = 0
-        header = EpisodeHeader(
-            episode=uuid.uuid4().hex,
-            start_unix_s=time.time(),
-            engine=simulation.engine.name,
-            rate_hz=rate_hz,
-            has_joints=self._has_joints,
-            has_contacts=self._has_contacts,
-            has_events=events,
-        )
+        header = self._header(rate_hz, has_events=events)
         self._detection = _DetectionThread(self._pending.append, self._on_fault) if events else None
         self._writer = _EpisodeWriter(
             EpisodeFileWriter(self.path),
@@ -211,6 +207,17 @@ class Recorder:
             raise
         simulation.on_close(self.stop)
         simulation.observers.recorder = self
+
+    def _header(self, rate_hz: float, *, has_events: bool) -> EpisodeHeader:
+        return EpisodeHeader(
+            episode=uuid.uuid4().hex,
+            start_unix_s=time.time(),
+            engine=self._simulation.engine.name,
+            rate_hz=rate_hz,
+            has_joints=self._has_joints,
+            has_contacts=self._has_contacts,
+            has_events=has_events,
+        )
 
     @property
     def recording(self) -> bool:
@@ -499,6 +506,8 @@ class Recorder:
             if self._detection is not None and not self._await(self._detection.finish):
                 self._on_fault("events", f"the detection has made no progress for {_STOP_TIMEOUT_S:g} s")
             self._write_rest()
+            if self._detection is not None:
+                self._writer.add_final_events(self._detection.final_events)
             self._writer.finish()
             self._write_rest()  # faults of what is written at the end
             self._writer.close()
@@ -597,6 +606,8 @@ class _DetectionThread:
         """The geometry of all bodies so far."""
         self.frames = 0
         """The number of frames that are done."""
+        self.final_events: tuple[EpisodeEvent, ...] | None = None
+        """All events, when it has ended; None before, and if it could not be ended."""
         self._detector = EventDetector(geometry=self._geometry)
         self._faults = 0
         self._queue: SimpleQueue[GeometryMap | EpisodeFrame | Event | None] = SimpleQueue()
@@ -656,6 +667,7 @@ class _DetectionThread:
                     case _:
                         self._geometry.update(item)
             self._take(self._detector.finish())
+            self.final_events = self._detector.events
         except Exception as error:  # such as one of memory
             self._on_fault("events", f"the detection ended: {type(error).__name__}: {error}")
 
@@ -691,8 +703,11 @@ class _EpisodeWriter:
         self._number = -1
         self._base = 0
         self._base_ns = 0
-        self._complete = -1
-        """The number of the last structure that was written as a whole."""
+        self._complete = (-1, -1)
+        """The number of the last structure that was written as a whole, and the first chunk with it."""
+        self._changes: list[bytes] = []
+        """The changes of the structure in the chunk in progress, which the next one repeats."""
+        self._chunk_ns = 0
         self._changed_bodies: set[BodyId] = set()
         """The bodies that have moved since the last base chunk."""
         self._changed_joints: set[BodyId] = set()
@@ -730,12 +745,18 @@ class _EpisodeWriter:
         assert self._structure is not None
         self._open_since_s, self._chunk_frames, self._chunk_bytes = time.monotonic(), 0, 0
         self._number += 1
+        self._chunk_ns = self._time_ns
         is_base = self._number == 0 or self._time_ns - self._base_ns >= _BASE_S * 1e9
         if is_base:
             self._base, self._base_ns = self._number, self._time_ns
             self._changed_bodies, self._changed_joints = set(), set()
-        repeated = self._whole_state() if is_base else self._changed_state()
-        head = ChunkHead(self._header.episode, self._number, self._base, self._structure.number, len(repeated))
+        # The chunk after a base is one, too: what follows can be read without either of them.
+        is_whole = self._number - self._base <= 1
+        repeated = self._whole_state() if is_whole else self._changed_state()
+        self._changes = []
+        base = self._number if is_whole else self._base
+        structure = self._structure
+        head = ChunkHead(self._header.episode, self._number, base, structure.number, structure.digest, len(repeated))
         self._add(EpisodeTopic.CHUNKS, self._encode.chunk(head))
         for topic, data in repeated:
             self._add(topic, data)
@@ -744,8 +765,9 @@ class _EpisodeWriter:
         structure, time_ns = self._structure, self._time_ns
         assert structure is not None
         messages = []
-        if self._complete < structure.number:
-            self._complete = structure.number
+        number, chunk = self._complete
+        if number < structure.number or chunk == self._number - 1:  # twice in a row
+            self._complete = (structure.number, self._number if number < structure.number else chunk)
             messages.append((EpisodeTopic.WORLD, self._encode.world(time_ns, structure.complete_record())))
         moving: list[int] = []
         fixed: list[int] = []
@@ -770,7 +792,7 @@ class _EpisodeWriter:
     def _changed_state(self) -> list[tuple[EpisodeTopic, bytes]]:
         structure, time_ns = self._structure, self._time_ns
         assert structure is not None
-        messages = []
+        messages = [(EpisodeTopic.WORLD, change) for change in self._changes]
         if rows := sorted(structure.rows[id] for id in self._changed_bodies if id in structure.rows):
             ids = [structure.ids[row] for row in rows]
             messages.append((EpisodeTopic.TF, self._encode.transforms(time_ns, ids, self._poses[rows])))
@@ -797,6 +819,8 @@ class _EpisodeWriter:
         if self._structure is None:
             self._add_first_frame(capture)
             return
+        if self._open_since_s is not None and capture.time_ns - self._chunk_ns > _CHUNK_S * 1e9:
+            self.flush()
         if self._open_since_s is None:
             self._begin_chunk()
         self._time_ns = time_ns = capture.time_ns
@@ -855,7 +879,8 @@ class _EpisodeWriter:
         if capture.structure is not None:
             if (followed := before.followed_by(capture.structure)) is not None:
                 self._structure, record = followed
-                self._add(EpisodeTopic.WORLD, self._encode.world(self._time_ns, record))
+                self._changes.append(self._encode.world(self._time_ns, record))
+                self._add(EpisodeTopic.WORLD, self._changes[-1])
             if capture.geometry is not None:
                 self._jobs.append(partial(self._add_geometry, capture.geometry, capture.structure.world))
         assert self._structure is not None
@@ -956,6 +981,12 @@ class _EpisodeWriter:
         self._add_events(events)
 
     # -- the end -------------------------------------------------------------------------------------------------------
+
+    def add_final_events(self, events: tuple[EpisodeEvent, ...] | None) -> None:
+        """Attaches the events of the whole recording, which replace the provisional ones; does nothing with None."""
+        if events is not None and self._structure is not None:
+            content = msgspec.json.encode(events)
+            self._file.add_attachment(FINAL_EVENTS, "application/json+zstd", content, time_ns=self._time_ns)
 
     def finish(self) -> None:
         """Writes the rest of the file but its index."""

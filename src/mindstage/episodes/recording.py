@@ -31,6 +31,7 @@ __all__ = [
     "EpisodeEvent",
     "EpisodeEventKind",
     "EpisodeFrame",
+    "EventState",
     "FrameRecording",
     "Recording",
 ]
@@ -140,6 +141,17 @@ class EpisodeEventKind(StrEnum):
     """A robot performs a skill."""
 
 
+class EventState(StrEnum):
+    """How certain an event is."""
+
+    PROVISIONAL = "provisional"
+    """It was found while the recording ran; what came later may end it, change it or withdraw it."""
+    WITHDRAWN = "withdrawn"
+    """It was found while the recording ran, and was none."""
+    FINAL = "final"
+    """It follows from the whole recording."""
+
+
 class EpisodeEvent(msgspec.Struct, frozen=True, kw_only=True):
     """Something that happened, with its participants, its interval, and what it was concluded from."""
 
@@ -162,6 +174,8 @@ class EpisodeEvent(msgspec.Struct, frozen=True, kw_only=True):
     of opening and closing the travel of the joint [m] or [rad]."""
     evidence: tuple[str, ...] = ()
     """What the event was concluded from, one sentence each, with measured values."""
+    state: EventState = EventState.FINAL
+    """Events of a recording that runs, or was interrupted, are provisional."""
 
 
 class EpisodeEdit(msgspec.Struct, frozen=True, kw_only=True):
