@@ -6,12 +6,14 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from mindstage.engines.mujoco.mujoco_kinematics import touching_shares
 from mindstage.errors import RobotModelError, SourceParseError
 from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.io.xml import first_tag
@@ -19,6 +21,7 @@ from mindstage.maps.urdf.parse import read_urdf
 from mindstage.maps.urdf.urdf_model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.maps.urdf.xacro_process import XacroRequest, requested_arguments
 from mindstage.robots.models.catalog import ModelSource, find_model
+from mindstage.robots.models.forward_kinematics import rest_positions
 from mindstage.robots.models.link_geometry import read_link_geometries
 from mindstage.robots.models.link_tree import LinkTree, sorted_tree
 from mindstage.robots.models.mjcf import read_mjcf_robot
@@ -31,7 +34,6 @@ from mindstage.robots.models.robot_model import (
     RobotMimic,
     RobotModel,
 )
-from mindstage.robots.models.self_contacts import find_self_contacts
 from mindstage.robots.models.srdf import Srdf, read_srdf
 from mindstage.robots.models.structure import (
     base_type,
@@ -60,6 +62,14 @@ _MIN_GYRATION_M = 1e-3
 """Least radius of gyration of a link; some descriptions have moments of 0."""
 _MOMENT_TOLERANCE = 1e-3
 """By which fraction a principal moment may exceed the sum of the others."""
+_STATES, _SEED = 150, 1
+"""Number of random states, and what they begin from."""
+_ALWAYS = 0.9
+"""The part of the states from which on a pair always touches; about that of MoveIt's setup assistant."""
+_OFTEN = 0.1
+"""The part from which on a pair that is near in the tree is looked at: dividing a mesh takes seconds."""
+_NEAR_JOINTS = 2
+"""Number of joints between two links that are near in the tree."""
 _MAX_POSITION = 1e4
 """Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
@@ -235,7 +245,7 @@ def _self_contacts(
 
     Only files without SRDF need this: that states which pairs do not collide.
     """
-    found = find_self_contacts(LinkTree(links, joints), ignored=ignored)
+    found = _find_self_contacts(LinkTree(links, joints), ignored=ignored)
     if not found.often or description.divided is None:
         return links, found.always
     hollow = dict.fromkeys(link for pair in found.often for link in pair)
@@ -246,7 +256,43 @@ def _self_contacts(
             f"their hulls touch in {share:.0%} of random states: their collision meshes are divided into convex parts"
         )
         notes.append(ModelNote(subject=f"{first}, {second}", text=text))
-    return divided, find_self_contacts(LinkTree(divided, joints), ignored=ignored).always
+    return divided, _find_self_contacts(LinkTree(divided, joints), ignored=ignored).always
+
+
+class _SelfContacts(NamedTuple):
+    """Pairs of links that touch in random states, the lower name first."""
+
+    always: frozenset[tuple[str, str]]
+    often: dict[tuple[str, str], float]
+    """Those near in the tree that move and touch in some states, with the part of these."""
+
+
+def _find_self_contacts(tree: LinkTree, *, ignored: Collection[tuple[str, str]]) -> _SelfContacts:
+    """Finds the pairs of links that touch in random states, as MoveIt's setup assistant does.
+
+    A pair that touches in nearly all of them says nothing about collisions, such as a bearing and what turns in it. One
+    that is near in the tree and touches in some of them often does so only since the hull of one fills a hollow in
+    which the other moves.
+
+    Args:
+        ignored: pairs that are not tested, such as neighbors.
+    """
+    random = np.random.default_rng(_SEED)
+    drives = [joint for joint in tree.joints.values() if joint.is_actuated]
+    low, high = np.clip(np.array([joint.limits for joint in drives]).reshape(-1, 2), -np.pi, np.pi).T
+    rows = random.uniform(low, high, (_STATES, len(drives)))
+    positions = (dict(zip((joint.name for joint in drives), row.tolist(), strict=True)) for row in rows)
+    states = (tree.poses(rest_positions(tree.joints.values(), each)) for each in positions)
+    shares = touching_shares({link: tree.shape_points(link) for link in tree.links}, states, ignored=ignored)
+    return _SelfContacts(
+        frozenset(pair for pair, share in shares.items() if share >= _ALWAYS),
+        {pair: share for pair, share in shares.items() if share >= _OFTEN and _are_near(tree, *pair)},
+    )
+
+
+def _are_near(tree: LinkTree, first: str, second: str) -> bool:
+    chain = tree.chain(first, second) or tree.chain(second, first)
+    return chain is not None and 0 < sum(joint.is_movable for joint in chain) <= _NEAR_JOINTS
 
 
 def _fixed(joint: RobotJoint) -> RobotJoint:
