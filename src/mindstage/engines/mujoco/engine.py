@@ -385,6 +385,12 @@ class MujocoEngine(EditingEngine):
         """See `AssumingEngine`."""
         return self._require_open().builder.assumptions
 
+    def include_touching_pairs(self) -> None:
+        """See `AssumingEngine`."""
+        cache = self._require_open()
+        cache.update()
+        cache.include_separated_pairs(are_touching=True)
+
     @property
     def notes(self) -> tuple[SpawnNote, ...]:
         """Notes on decisions caused by edits, and warnings of MuJoCo; those of a spawn are in its report."""

@@ -292,11 +292,11 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
 
-    def include_separated_pairs(self) -> None:
-        """Lets pairs collide that overlapped when they were added, and are apart now."""
+    def include_separated_pairs(self, *, are_touching: bool = False) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now, or `are_touching`."""
         if self.stale or self.tables is None or not self.builder.collision_filter.temporary_pairs:
             return
-        if apart := self.builder.separated_pairs(self.poses()):
+        if apart := self.builder.separated_pairs(self.poses(), are_touching=are_touching):
             self.builder.include_pairs(apart)
             self.tables = self.tables.without_pairs(apart)
             for region in self.regions:

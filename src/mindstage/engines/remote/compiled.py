@@ -457,13 +457,17 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         self._send_edit(wire.SetPose, request, self._sent_state.diff_to(sent, poses=poses))
         self._commit(trial, sent)
 
-    def _include_separated_pairs(self) -> None:
-        """Lets pairs collide that overlapped when they were added, and are apart now."""
+    def include_touching_pairs(self) -> None:
+        """See `AssumingEngine`."""
+        self._include_separated_pairs(are_touching=True)
+
+    def _include_separated_pairs(self, *, are_touching: bool = False) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now, or `are_touching`."""
         self._until_check_s = _CHECK_PERIOD_S
         if not self._builder.collision_filter.temporary_pairs:
             return
         poses, ids = self._current_poses(), self._builder.registry.ids
-        if apart := self._builder.separated_pairs(poses):
+        if apart := self._builder.separated_pairs(poses, are_touching=are_touching):
             trial = self._builder.copy()
             trial.include_pairs(apart)
             sent, (id, _) = ModelState.from_builder(trial), min(apart)
