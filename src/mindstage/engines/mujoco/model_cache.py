@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from itertools import chain, islice
 
 import numpy as np
@@ -147,6 +147,20 @@ class ModelCache:
         if with_poses:
             compiled.update_poses()
         return compiled
+
+    def model_near(self, ids: Collection[BodyId], within_m: float) -> CompiledModel:
+        """The current model of what is within a distance of the box around some bodies; see `MujocoEngine`."""
+        self.update()
+        if self.tables is None or self._is_whole():
+            return self.model()
+        reach = self.bounds(ids) + np.array([[-within_m], [within_m]])
+        found = self.tables.unit_of[box_meets(reach, self._boxes)]
+        units = np.zeros(len(self.tables.unit_sizes), dtype=bool)
+        units[found[found >= 0]] = True
+        low, high = (np.broadcast_to(corner, (len(units), 3)) for corner in reach)
+        return self._compile_region(
+            self.tables, self.poses(), units, np.zeros((0, 2, 3)), unit_boxes=(low, high)
+        ).compiled
 
     def join(self) -> None:
         """Makes the world one region, and keeps it one."""
