@@ -74,7 +74,7 @@ from mindstage.scene.collision_shapes import (
 )
 from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.joint_kinematics import handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import handles_by_body, is_floating, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -600,7 +600,7 @@ class PhysicsModelBuilder:
         forest = self.forest
         neighbors: dict[BodyId, set[BodyId]] = {}
         for joint in self.registry.joints.values():
-            if joint.disable_collision is not False:
+            if _disables_collision(joint):
                 first, other = forest.root_of[joint.parent], forest.root_of[joint.child]
                 neighbors.setdefault(first, set()).add(other)
                 neighbors.setdefault(other, set()).add(first)
@@ -1077,7 +1077,7 @@ class _CollisionState:
         return frozenset(
             sorted_pair(root_of[joint.parent], root_of[joint.child])
             for joint in self.joints
-            if joint.disable_collision is not False
+            if _disables_collision(joint)
         )
 
     def jointed_pairs_as_numbers(self, indices: Mapping[BodyId, int]) -> frozenset[tuple[int, int]]:
@@ -1091,6 +1091,11 @@ class _CollisionState:
         if a is None or b is None or a == b or sorted_pair(a, b) in self.jointed_roots:
             return False
         return groups[a].is_dynamic or groups[b].is_dynamic
+
+
+def _disables_collision(joint: Joint) -> bool:
+    """Whether the bodies that a joint connects do not collide; those of one that constrains nothing do, if not told."""
+    return not is_floating(joint) if joint.disable_collision is None else joint.disable_collision
 
 
 _MAX_LISTED = 3
