@@ -15,7 +15,7 @@ from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportNa
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
-from mindstage.robots.skills.grasps import Grasp, grasps_of
+from mindstage.robots.skills.grasps import FINGER_CLEARANCE_M, Grasp, grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
@@ -350,7 +350,8 @@ def _why_no_grasp(hand: Manipulator, thing: Thing) -> str:
     if gripper.type is not GripperType.PARALLEL:
         return f"the {gripper.name} has no fingers that close on each other"
     narrowest_m, opening_m = min(thing.body.size or (0.0,)), gripper.max_opening_m
-    return f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    text = f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    return f"{text}, with {FINGER_CLEARANCE_M * 1000:.0f} mm of room for each finger"
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
