@@ -16,11 +16,13 @@ from mindstage.api import load_knowledge
 from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.maps import bundled_kitchen
+from mindstage.maps import UnitConventions, bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Joint, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation
-from tests.engines.scenes import revolute_joint
-from tests.geometry.fit_scenes import make_body, slide_joint, world
+from tests.engines.scenes import body, revolute_joint, world
+from tests.geometry import fit_scenes
+from tests.geometry.fit_scenes import make_body, slide_joint
+from tests.maps.logged_maps import LoggedBody, logged_map
 from tests.semlog_maps import Actor, semlog_map
 
 MAPS = ("ameva-task-two", "iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "soma-iai-room")
@@ -302,7 +304,9 @@ def fridge(*contents: Body, joints: bool = True) -> World:
         make_body("shelf", "Tray", (0.25, 0, 1.0), (0.12, 0.46, 0.08), is_free=True),
         *contents,
     )
-    return world(bodies, [door_joint("case", "door", (0.3, -0.3, 0.75))] if joints else [], [("door", "shelf")])
+    return fit_scenes.world(
+        bodies, [door_joint("case", "door", (0.3, -0.3, 0.75))] if joints else [], [("door", "shelf")]
+    )
 
 
 def test_what_stands_in_the_shelf_of_a_door_stays_there_and_moves_with_it(run_world: RunWorld) -> None:
@@ -327,7 +331,7 @@ def test_what_is_stuck_in_a_closed_door_does_not_push_it_open(run_world: RunWorl
     )
     hinge = revolute_joint("door_hinge", "block", "door", (-0.4375, -0.4494, 0.9765))
     hinge = replace(hinge, angular=replace(hinge.angular, swing1_middle=hinge.angular.swing1_limit))
-    _, report, moved = run_world(world(bodies, [hinge], [("door", "shelf")]))
+    _, report, moved = run_world(fit_scenes.world(bodies, [hinge], [("door", "shelf")]))
     assert "carton" in report.ids_with_note(SpawnNoteKind.SETTLED)
     assert max(moved.values()) < 0.01
 
@@ -342,7 +346,7 @@ def test_a_part_without_a_joint_is_held_by_the_furniture_that_it_meets(
         make_body("part", part, (0.305, 0, 1.0), (0.02, 0.4, 0.3), is_free=True),
         make_body("far", part, (1.5, 0, 1.0), (0.5, 0.4, 0.2), is_free=True),
     )
-    _, report, moved = run_world(world(bodies))
+    _, report, moved = run_world(fit_scenes.world(bodies))
     assert ("part" in report.ids_with_note(SpawnNoteKind.IMMOVABLE)) is is_held
     assert (moved["part"] < 1e-3) is is_held
     assert moved["far"] > 0.5
@@ -354,7 +358,7 @@ def test_utensils_stand_in_their_holder(run_world: RunWorld) -> None:
         make_body("holder", "CookingUtensilsHolder", (0, 0, 0.08), (0.12, 0.12, 0.16), is_free=True),
         make_body("spoon", "WoodenSpoon", (0, 0, 0.17), (0.02, 0.04, 0.3), is_free=True),
     )
-    _, report, moved = run_world(world(bodies))
+    _, report, moved = run_world(fit_scenes.world(bodies))
     assert not report.ids_with_note(SpawnNoteKind.SETTLED)
     assert max(moved.values()) < 0.05
 
@@ -367,7 +371,7 @@ def test_a_drawer_has_trays_under_contents_that_stand_high_in_it(run_world: RunW
         make_body("middle", "CardboardBox", (0.1, 0, 0.58), (0.1, 0.1, 0.2), is_free=True),
         make_body("on_it", "CardboardBox", (0.1, 0, 0.74), (0.1, 0.1, 0.1), is_free=True),
     )
-    simulation, _, moved = run_world(world(bodies, [slide_joint("case", "drawer", middle=0.2)]))
+    simulation, _, moved = run_world(fit_scenes.world(bodies, [slide_joint("case", "drawer", middle=0.2)]))
     assert max(moved.values()) < 0.015
     surfaces = simulation.geometry[BodyId("drawer")].support_surfaces
     assert len(surfaces) == 2
@@ -409,3 +413,22 @@ def test_nothing_moves_in_the_sample_maps_for_ten_seconds(name: str, shared_data
         assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
         assert not report.ids_with_note(SpawnNoteKind.SETTLED)
         assert max(drift(simulation, 10.0).values()) < 1e-3
+
+
+def test_the_ground_is_not_below_bodies_whose_mesh_may_have_its_origin_elsewhere(tmp_path: Path) -> None:
+    """Both sides of the wide handles fit equally well, which is a finding; else the ground would be below them."""
+    rows = [(f"door{n}", f"handle{n}", n - 1.5) for n in range(4)]
+    doors = [LoggedBody(door, "Door", (0.004, 0.6, 0.9), (0.0, y, 1.0)) for door, _, y in rows]
+    handles = [LoggedBody(id, "Handle", (0.4, 0.2, 0.03), (0.0, y, 0.5), parent=door) for door, id, y in rows]
+    plate = LoggedBody("plate", "BasePlate", (0.3, 0.3, 0.1), (0.0, 3.0, 0.7))
+    (tmp_path / "doors.ttl").write_text(logged_map([*doors, *handles, plate]), encoding="utf-8")
+    knowledge = KnowledgeBase()
+    knowledge.load(tmp_path / "doors.ttl", conventions=UnitConventions(sizes=None))
+    crate = body("crate", (0.9, 0.0, 1.5), (0.2, 0.2, 0.2), "dynamic", 1.0)
+    with closing(Simulation(knowledge, MujocoEngine())) as simulation:
+        simulation.spawn()
+        assert any("equally well" in each.problem for each in knowledge.findings())
+        (note,) = [each for each in simulation.spawn(world(crate)).notes if each.kind is SpawnNoteKind.GROUND]
+        assert "0.650 m" in note.text
+        simulation.step(2.0)
+        assert float(simulation.state.poses[-1][2]) == pytest.approx(0.75, abs=1e-3)
