@@ -46,7 +46,9 @@ def test_arguments_are_given_by_name(call: Call, ask: Ask, knowledge: KnowledgeB
     assert json.loads(reply["answers"]) == answers
 
 
-def test_a_restriction_on_an_inverse_is_marked_and_asked_for(ask: Ask, knowledge: KnowledgeBase, tmp_path: Path) -> None:
+def test_a_restriction_on_an_inverse_is_marked_and_asked_for(
+    ask: Ask, knowledge: KnowledgeBase, tmp_path: Path
+) -> None:
     knowledge.load(lids_ontology(tmp_path))
     for given, expected in (({}, {"Crate", "Screw"}), ({"inverse": True}, {"Crate"}), ({"inverse": False}, {"Screw"})):
         rows = ask("class_properties", cls="http://example.org/o#Lid", **given)["answers"]
