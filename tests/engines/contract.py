@@ -659,6 +659,20 @@ class PhysicsContract(DescriptionContract):
         assert displacement(engine, "lamp", np.array([0, 0, 2.0])) < 1e-3
         assert any("stuck" in note.text for note in report.notes if "lamp" in note.ids)
 
+    def test_what_is_added_inside_an_arm_is_solid_as_soon_as_that_was_out_of_it(self, engine: Engine) -> None:
+        """The tip of the arm, 0.3 m before its middle, begins 3 cm behind the face of the block."""
+        rail, arm = body("rail", (0, 0, 0.2), (0.1,) * 3), body("arm", (0, 0, 0.5), (0.6, 0.04, 0.04), "dynamic", 1.0)
+        engine.apply(Spawn(world(rail, arm, prismatic_joint("slide", "rail", "arm", (0, 0, 0.5)))))
+        report = engine.apply(Spawn(world(body("block", (0.37, 0, 0.5), (0.2, 0.2, 0.2))))).report
+        assert any("do not collide" in note.text for note in report.notes)
+        apply_force_for(engine, "arm", (8.0, 0.0, 0.0), 0.5)
+        assert current_pose(engine, "arm")[0] > 0.02
+        apply_force_for(engine, "arm", (-8.0, 0.0, 0.0), 1.0)
+        engine.step(0.3)
+        assert current_pose(engine, "arm")[0] < -0.04
+        apply_force_for(engine, "arm", (8.0, 0.0, 0.0), 1.5)
+        assert current_pose(engine, "arm")[0] == pytest.approx(-0.03, abs=0.005)
+
     def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: Engine) -> None:
         wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)
         engine.apply(Spawn(world(wall), immovable=frozenset({BodyId("wall")})))

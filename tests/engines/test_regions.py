@@ -390,3 +390,25 @@ def test_after_an_error_of_memory_no_region_keeps_a_part_of_the_step() -> None:
     assert current_pose(failing, "tray")[0] == 0.01 * cycles
     assert current_pose(failing, "cup")[0] > 0.005 * cycles
     np.testing.assert_array_equal(failing.poses()[1], referee.poses()[1])
+
+
+def test_a_model_of_a_neighborhood_has_what_is_near_as_it_is_and_changes_nothing() -> None:
+    position = row_of_furniture(3)
+    engine, untouched = engine_of(position), engine_of(position)
+    for each in (engine, untouched):
+        push_some(each, position, 3)
+    ids, poses = engine.poses()
+    at = ids.index(BodyId(next(each for each in ids if each.startswith("box"))))
+    near = engine.compiled_near([ids[at]], within_m=3.0)
+    found = near.poses()
+    for id, row in near.rows.items():
+        np.testing.assert_allclose(found[row], poses[ids.index(id)], atol=1e-12)
+    sizes = {each.id: np.linalg.norm(each.size or (0, 0, 0)) for each in position.bodies}
+    distances = np.linalg.norm(poses[:, :3] - poses[at, :3], axis=1)
+    assert near.rows.keys() >= {id for id, distance in zip(ids, distances, strict=True) if distance < 3.0}
+    far = {id for id, distance in zip(ids, distances, strict=True) if distance > 6.0 + sizes[id]}
+    assert len(far) > 20
+    assert near.rows.keys().isdisjoint(far)
+    for each in (engine, untouched):
+        each.step(0.5)
+    np.testing.assert_array_equal(engine.poses()[1], untouched.poses()[1])

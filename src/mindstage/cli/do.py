@@ -354,7 +354,7 @@ def _model(name: str, self_model: Path | None, *, xacro: XacroRequest) -> RobotM
     from mindstage.robots.models.reading import load_model
 
     with progress_spinner("reading the robot"):
-        model = load_model(name, xacro=xacro)
+        model = load_model(name, xacro=xacro, divide=True)
         if self_model is not None:
             from mindstage.robots.self_models import add_self_model, read_self_model
 

@@ -782,10 +782,14 @@ class PhysicsModelBuilder:
             if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):
                 self.collision_filter.temporary_pairs.add((a, b))
 
-    def separated_pairs(self, poses: Array) -> set[tuple[BodyId, BodyId]]:
+    def separated_pairs(self, poses: Array, *, are_touching: bool = False) -> set[tuple[BodyId, BodyId]]:
         """The temporarily excluded pairs that are apart now.
 
         MuJoCo's own distance is not used: it is positive for some boxes that are deep inside each other.
+
+        Args:
+            poses: poses of all bodies.
+            are_touching: whether those are included that overlap by at most as much as others have to be apart.
         """
         pairs = sorted(self.collision_filter.temporary_pairs)
         place = {id: number for number, id in enumerate(dict.fromkeys(id for pair in pairs for id in pair))}
@@ -794,7 +798,8 @@ class PhysicsModelBuilder:
         shapes = CollisionShapeBatch.from_compiled(poses[[rows[id] for id in place]], compiled)
         ends = np.array([[place[id] for id in pair] for pair in pairs], dtype=np.intp)
         depths = shapes.penetration_depths(ends[:, 0], ends[:, 1], np.zeros(len(pairs)), margin_m=_APART_M)
-        return {pair for pair, depth in zip(pairs, depths.tolist(), strict=True) if depth <= -_APART_M}
+        largest_m = _APART_M if are_touching else -_APART_M
+        return {pair for pair, depth in zip(pairs, depths.tolist(), strict=True) if depth <= largest_m}
 
     def include_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> None:
         """Lets pairs collide again that were apart; appends to `late_notes`."""

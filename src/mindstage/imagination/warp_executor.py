@@ -98,7 +98,8 @@ class WarpExecutor:
             f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, and "
             "no divided time steps for fast bodies"
         )
-        return (f"{text}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
+        apart = "bodies that began inside each other pass through each other also after they were apart"
+        return (f"{text}; {apart}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
 
     @property
     def _where(self) -> str:

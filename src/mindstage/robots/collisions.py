@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
+from math import isfinite
 from typing import Any
 
 import msgspec
@@ -39,6 +40,8 @@ _NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.003, 2
 not."""
 _TOUCH_M = 0.001
 """Distance at which a gripper counts as touching something [m]."""
+_MAX_TRAVEL_M, _MAX_HELD_M = 2.0, 2.0
+"""The travel of a slide without limits, and the largest extent of a link with what it holds [m]."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
 _PART_OVERLAP_M = 0.005
@@ -110,6 +113,16 @@ def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
         each for each in model.joints if each.name in names or (each.mimic is not None and each.mimic.joint in names)
     ]
     return frozenset(link for each in drives for link in links_moved_by(model, each))
+
+
+def _reach_m(model: RobotModel) -> float:
+    """How far anything of a robot whose base stands still can be from its present box, at most [m]."""
+    far: dict[str, float] = {}
+    for joint in model.joints:  # parents come first
+        travel = max(map(abs, joint.limits)) if joint.is_prismatic else 0.0
+        length = float(np.linalg.norm(joint.origin.position)) + (travel if isfinite(travel) else _MAX_TRAVEL_M)
+        far[joint.child] = far.get(joint.parent, 0.0) + length
+    return max(far.values(), default=0.0) + _MAX_HELD_M
 
 
 def _joints_between(model: RobotModel) -> dict[tuple[str, str], int]:
@@ -185,8 +198,9 @@ class CollisionChecker:
                 for holder in carried
                 for id in _carried_by(holder, source, sizes.get(holder), excluded={*link_ids.values(), *carried})
             }
+            links_here = [id for id in link_ids.values() if id in source.poses()[0]]
             return ContactModel(
-                source.compiled(),
+                source.compiled() if base_moves else source.compiled_near(links_here, within_m=_reach_m(model)),
                 moving=moving,
                 ignored=ignore,
                 carried=contents | carried,

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 
 from mindstage.engines import NullEngine, make_engine
-from mindstage.engines.base import Applied, Capability, Engine, PoseArray, SavedState
+from mindstage.engines.base import Applied, AssumingEngine, Capability, Engine, PoseArray, SavedState
 from mindstage.errors import CommitError, WorldError
 from mindstage.scene import Body, BodyId, World
 from mindstage.scene.edits import Attach, Detach, Edit, SetLabel, SetMaterials, SetPhysics, SetPoses, Spawn
@@ -240,7 +240,14 @@ def copied_engine(
     notes = [f"{engine.name} {cause}: the copy is simulated by {copied.name}, from a snapshot at rest"]
     _match_attachments(copied, present)
     notes += _match_bodies(copied, present, SpawnRecord.from_worlds((present, *worlds)))
+    _include_touching_pairs(copied)
     return copied, tuple(notes)
+
+
+def _include_touching_pairs(engine: Engine) -> None:
+    """Lets what touches in a snapshot collide, though it began inside each other when it was spawned."""
+    if isinstance(engine, AssumingEngine):
+        engine.include_touching_pairs()
 
 
 def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> tuple[str, ...]:
@@ -259,6 +266,7 @@ def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> t
     _match_attachments(engine, present)
     _match_bodies(engine, present, spawn_record, tolerance=0.0)
     notes = _match_bodies(engine, present, spawn_record, tolerance=0.0)  # again: parents have moved since
+    _include_touching_pairs(engine)
     before = {body.id: body for body in engine.snapshot().bodies}
     for body in present.bodies:
         if body.id in before and before[body.id].materials != body.materials:

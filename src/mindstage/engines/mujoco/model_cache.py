@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from itertools import chain, islice
 
 import numpy as np
@@ -147,6 +147,20 @@ class ModelCache:
         if with_poses:
             compiled.update_poses()
         return compiled
+
+    def model_near(self, ids: Collection[BodyId], within_m: float) -> CompiledModel:
+        """The current model of what is within a distance of the box around some bodies; see `MujocoEngine`."""
+        self.update()
+        if self.tables is None or self._is_whole():
+            return self.model()
+        reach = self.bounds(ids) + np.array([[-within_m], [within_m]])
+        found = self.tables.unit_of[box_meets(reach, self._boxes)]
+        units = np.zeros(len(self.tables.unit_sizes), dtype=bool)
+        units[found[found >= 0]] = True
+        low, high = (np.broadcast_to(corner, (len(units), 3)) for corner in reach)
+        return self._compile_region(
+            self.tables, self.poses(), units, np.zeros((0, 2, 3)), unit_boxes=(low, high)
+        ).compiled
 
     def join(self) -> None:
         """Makes the world one region, and keeps it one."""
@@ -292,11 +306,11 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
 
-    def include_separated_pairs(self) -> None:
-        """Lets pairs collide that overlapped when they were added, and are apart now."""
+    def include_separated_pairs(self, *, are_touching: bool = False) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now, or `are_touching`."""
         if self.stale or self.tables is None or not self.builder.collision_filter.temporary_pairs:
             return
-        if apart := self.builder.separated_pairs(self.poses()):
+        if apart := self.builder.separated_pairs(self.poses(), are_touching=are_touching):
             self.builder.include_pairs(apart)
             self.tables = self.tables.without_pairs(apart)
             for region in self.regions:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from math import cos, pi, sin
+from math import cos, isfinite, pi, sin
 
 import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.robots.floor_poses import planar_pose
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
+from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.models.robot_model import GripperType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
@@ -64,8 +66,8 @@ _PLACE_STEPS = 25_000
 """Number of steps of the search for each; see `GraspMotionRequest.steps`."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
-_CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
-"""Where in front of the base things are carried."""
+_CARRY_DISTANCES, _CARRY_HEIGHTS = (0.08, 0.16, 0.26), (0.02, 0.2, -0.15)
+"""Where things are carried, as parts of the length of the arm: in front of the base, and above the shoulder."""
 _FOLDS = 13
 """Angles of a vertical hinge that are tried to take the hand near to the base."""
 _ROOM_M = 0.03
@@ -398,8 +400,9 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
     x = quat_rotate(here[3:], (1.0, 0.0, 0.0))
     heading = float(np.arctan2(x[1], x[0])) if np.hypot(x[0], x[1]) > 0.3 else 0.0
     yaw = hand.robot.base_pose()[2]
-    for height in _CARRY_HEIGHTS_M:
-        for distance in _CARRY_DISTANCES_M:
+    shoulder, length = _shoulder(hand)
+    for height in (shoulder + part * length for part in _CARRY_HEIGHTS):
+        for distance in (hand.robot.model.base.radius_m + part * length for part in _CARRY_DISTANCES):
             for turn in (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2):
                 spin = planar_pose((0.0, 0.0, yaw + turn - heading))[3:]
                 point = pose_multiply(base, np.array([distance, 0.0, height, 1.0, 0.0, 0.0, 0.0]))[:3]
@@ -415,6 +418,19 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
                 if found:
                     yield dict(found.positions)
                     break
+
+
+def _shoulder(hand: Manipulator) -> tuple[float, float]:
+    """The height of an arm's first joint that turns, with its slides in the middle, and its length from there [m]."""
+    model, arm = hand.robot.model, hand.arm
+    joints = [model.joint(name) for name in arm.joints]
+    middle = {each.name: sum(each.limits) / 2 for each in joints if each.is_prismatic and isfinite(sum(each.limits))}
+    frames = link_poses(model.joints, rest_positions(model.joints, middle), model.root)
+    first = next((each for each in joints if not each.is_prismatic), joints[0])
+    chain = LinkTree(model.links, model.joints).chain(first.child, arm.tip_link) or ()
+    points = np.array([frames[first.child][:3], *(frames[each.child][:3] for each in chain)])
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return float(points[0, 2]) + model.base.height_m, length
 
 
 def _folded_poses(hand: Manipulator) -> list[dict[str, float]]:
