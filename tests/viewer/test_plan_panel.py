@@ -45,7 +45,7 @@ def viewer(simulation: Simulation) -> Iterator[Viewer]:
 
 @pytest.fixture(scope="module")
 def verdict(simulation: Simulation) -> Verdict:
-    return evaluate_plan(simulation, EDGE, samples=12, width=None, seed=4)
+    return evaluate_plan(simulation, EDGE, samples=12, fixed=True, seed=4)
 
 
 @pytest.fixture

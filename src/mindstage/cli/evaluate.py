@@ -59,9 +59,9 @@ Budget = Annotated[
 Threshold = Annotated[
     Fraction, typer.Option("--threshold", metavar="P", help="The probability that the plan must have.")
 ]
-Width = Annotated[
-    Fraction,
-    typer.Option("--width", metavar="W", help="End when the interval is as narrow; 0 runs all samples."),
+Fixed = Annotated[
+    bool,
+    typer.Option("--fixed", help="Run exactly as many samples, with the interval of Wilson, instead of until decided."),
 ]
 Workers = Annotated[
     str,
@@ -147,7 +147,7 @@ def evaluate(
     *,
     trial: PlanTrial = DEFAULT_TRIAL,
     threshold: Threshold = 0.9,
-    width: Width = 0.1,
+    fixed: Fixed = False,
     check: CheckText = None,
     expect: Expected = None,
     settle: SettleTime = 0.0,
@@ -178,7 +178,7 @@ def evaluate(
         if not as_json:
             print_findings(findings, all=verbose, classes=class_lookup(knowledge))
             print_failures(report)
-        tried |= {"check": asked, "threshold": threshold, "width": width or None}
+        tried |= {"check": asked, "threshold": threshold, "fixed": fixed}
         with interruptible() as interrupted, _progress_bar(trial.samples) as progress:
             verdict = evaluate_plan(simulation, file, **tried, progress=progress, cancel=interrupted.is_set)
         if as_json:

@@ -413,7 +413,7 @@ class _Sample:
 
     def _execute(self, step: PlanStep) -> _SimulatedTime:
         if not isinstance(step, Edit):  # which takes no time
-            self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.deadline_s)
+            self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.time_limit_s)
         try:
             yield from self._do(step)
         except (WorldError, KnowledgeError, RobotError) as error:
@@ -501,7 +501,7 @@ class _Sample:
                     distance_m = float(np.linalg.norm(error))
                     if distance_m <= _ARRIVED_M:
                         return
-                    if self.watch.time_s - start_s + _CHUNK_S > step.deadline_s:
+                    if self.watch.time_s - start_s + _CHUNK_S > step.time_limit_s:
                         raise _StepFailedError(
                             self._jam(id, f"{distance_m:.3f} m before its target", amount=distance_m)
                         )

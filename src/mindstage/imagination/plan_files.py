@@ -187,8 +187,8 @@ class PlanBuilder:
 
     @checked
     def wait(self, duration_s: PositiveDuration, **options: Deadline) -> Self:
-        """Adds a `Wait`, whose deadline is by default long enough."""
-        return self.add(Wait(duration_s=duration_s, **{"deadline_s": max(10.0, duration_s + 1.0), **options}))
+        """Adds a `Wait`."""
+        return self.add(Wait(duration_s=duration_s, **options))
 
     def attach(self, child: str, *, to: str) -> Self:
         """Adds an `Attach`."""

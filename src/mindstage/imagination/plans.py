@@ -33,15 +33,27 @@ __all__ = [
 
 
 _DEADLINE_S = 30.0
-"""Of a plan that states none and has no skills [s]."""
+"""Time of a plan that states no deadline, besides those of its steps [s]."""
+_STEP_DEADLINE_S = 10.0
+"""Time of a step that states no deadline, besides its duration [s]."""
 
 
 class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_unknown_fields=True):
-    deadline_s: Deadline = 10.0
-    """The step fails if it has not ended after this simulated time [s]."""
+    deadline_s: Deadline | None = None
+    """The step fails if it has not ended after this simulated time [s]; None for 10 s after its duration, if any."""
 
     def __post_init__(self) -> None:
         check_fields(self)
+
+    @property
+    def given_duration_s(self) -> float:
+        """The simulated time that the step takes by its own definition [s]; 0 if it ends when it is done."""
+        return 0.0
+
+    @property
+    def time_limit_s(self) -> float:
+        """The simulated time after which the step fails [s]."""
+        return self.given_duration_s + _STEP_DEADLINE_S if self.deadline_s is None else self.deadline_s
 
 
 class Place(_Step, frozen=True, kw_only=True, tag="place"):
@@ -89,6 +101,11 @@ class Push(_Step, frozen=True, kw_only=True, tag="push"):
     """Where it acts, in the frame of the body [m]; None for the center of mass."""
     duration_s: PositiveDuration = 0.5
 
+    @property
+    def given_duration_s(self) -> float:
+        """See `Wait`."""
+        return self.duration_s
+
 
 class Open(_Step, frozen=True, kw_only=True, tag="open"):
     """Opens a door or drawer by pulling."""
@@ -109,6 +126,11 @@ class Wait(_Step, frozen=True, kw_only=True, tag="wait"):
 
     duration_s: PositiveDuration
 
+    @property
+    def given_duration_s(self) -> float:
+        """The simulated time that the step takes [s]."""
+        return self.duration_s
+
 
 class ChangePhysics(_Step, frozen=True, kw_only=True, tag="set_physics"):
     """Changes physical properties of a body; those that are None remain."""
@@ -128,7 +150,7 @@ class Perform(_Step, frozen=True, kw_only=True, tag="perform"):
     """The arguments of the skill by name."""
     robot: str = ""
     """The name of the robot; empty for the only one."""
-    deadline_s: Deadline = 300.0
+    deadline_s: Deadline | None = 300.0
 
 
 # An edit is a step, too. Of these the others are part of what a step does, or are made of what has no words in a file.
@@ -179,7 +201,7 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """After the last step, time passes until this holds, or else until everything is at rest."""
     deadline_s: Deadline | None = None
     """The sample fails if the plan has not ended after this simulated time [s]; None for 30 s, and in addition the
-    deadlines of all skills."""
+    deadlines of all steps."""
     forbid: tuple[str, ...] = ("fell", "tipped", "left")
     """Kinds of events (`EventKind`) with which a sample fails. Setting a pose is no event, what follows from it is."""
     format_version: Literal[1] = 1
@@ -192,4 +214,4 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         """The simulated time after which a sample fails [s]."""
         if self.deadline_s is not None:
             return self.deadline_s
-        return _DEADLINE_S + sum(step.deadline_s for step in self.steps if isinstance(step, Perform))
+        return _DEADLINE_S + sum(step.time_limit_s for step in self.steps if isinstance(step, _Step))

@@ -20,12 +20,12 @@ from msgspec import Meta
 
 from mindstage.engines import make_engine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
+from mindstage.imagination.confidence import confidence_sequence, wilson_interval
 from mindstage.imagination.execution import PlanRunner, is_uncertain
 from mindstage.imagination.plan_files import PlanFile, load_plan
 from mindstage.imagination.plans import Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
-from mindstage.imagination.verdicts import wilson_interval
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries.proximity import missing_about, missing_bodies
 from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge, QuestionContext, StateAccess, WorldState
@@ -230,9 +230,9 @@ class Trials:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the probability (Wilson 1927), which unknown samples widen.
+        """The 95 % interval of the probability, which unknown samples widen: Wilson's if all samples were run.
 
-        Without uncertainty, each sample is the same.
+        If the time ended them, it is `confidence_sequence`. Without uncertainty, each sample is the same.
         """
         unknown = len(self.trials) - self.tried
         if not self.tried:
@@ -240,8 +240,9 @@ class Trials:
         holds = sum(trial.holds is True for trial in self.trials)
         if not self.is_uncertain and not unknown:
             return (holds / self.tried,) * 2
-        low, _ = wilson_interval(holds, len(self.trials))
-        _, high = wilson_interval(holds + unknown, len(self.trials))
+        interval = confidence_sequence if self.left_out else wilson_interval
+        low, _ = interval(holds, len(self.trials))
+        _, high = interval(holds + unknown, len(self.trials))
         return round(low, 6), round(high, 6)
 
     @property
@@ -441,8 +442,8 @@ def parse_edit(kb: QuestionContext, scene: ImaginedScene, text: str, *, wait_s: 
         steps = tuple(step for clause in clauses for step in _worded_steps(kb, scene, clause))
     if not steps:
         raise InvalidArgumentError("edit", cause="it has no step", remedy="as in 'open the fridge then wait 2 s'")
-    waits = (Wait(duration_s=wait_s, deadline_s=wait_s + 10.0),) if wait_s > 0 else ()
-    deadline_s = max(plan.time_limit_s, sum(each.deadline_s for each in (*steps, *waits)))
+    waits = (Wait(duration_s=wait_s),) if wait_s > 0 else ()
+    deadline_s = None if plan.deadline_s is None else plan.deadline_s + sum(each.time_limit_s for each in waits)
     return msgspec.structs.replace(plan, steps=(*steps, *waits), forbid=(), check=None, deadline_s=deadline_s)
 
 
@@ -483,8 +484,7 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             into = words["how"].lower().startswith("in")
             yield Place(thing=thing, into=holder) if into else Place(thing=thing, on=holder)
         case "wait":
-            duration_s = _number(words["duration"])
-            yield Wait(duration_s=duration_s, deadline_s=duration_s + 10.0)
+            yield Wait(duration_s=_number(words["duration"]))
         case "attach":
             parent, child = (_body_id(scene, _find(kb, scene, words[name])) for name in ("parent", "child"))
             yield Attach(parent=parent, child=child)

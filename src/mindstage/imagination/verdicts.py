@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import sqrt
+from enum import StrEnum
 from typing import Any
 
 import msgspec
@@ -25,6 +25,12 @@ import numpy as np
 from mindstage.access.limits import Samples, Timeout
 from mindstage.engines.base import PoseArray
 from mindstage.errors import ImaginationError, PlanError
+from mindstage.imagination.confidence import (
+    MAX_ESTIMATE,
+    confidence_sequence,
+    samples_to_decide,
+    wilson_interval,
+)
 from mindstage.imagination.execution import is_uncertain, never, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, SampleRunner, WorkerPoolExecutor
 from mindstage.imagination.plan_files import PlanLike, load_plan
@@ -37,31 +43,23 @@ from mindstage.scene.display import counted, html_table
 from mindstage.simulation import Simulation
 from mindstage.simulation.image import SimulationImage
 
-__all__ = ["CauseCount", "Progress", "Replay", "ReplayFrame", "Verdict", "evaluate_plan", "wilson_interval"]
+__all__ = ["CauseCount", "IntervalKind", "Progress", "Replay", "ReplayFrame", "Verdict", "evaluate_plan"]
 
-_Z = 1.959963984540054
-"""Two-sided 95 % quantile of the normal distribution."""
 _BATCH = 10
 """The interval is looked at after each such number of samples, in their order, however many workers there are."""
 _MAX_KEPT = 1000
 """Number of samples whose results are kept; the counts are of all."""
 
 
-@checked
-def wilson_interval(successes: Index, samples: Index) -> tuple[float, float]:
-    """The 95 % confidence interval of a probability after Wilson (1927), the score interval without correction.
+class IntervalKind(StrEnum):
+    """How the interval of a verdict was computed."""
 
-    Args:
-        successes: number of samples that succeeded.
-        samples: number of all samples; without any, the interval is 0 to 1.
-    """
-    if samples == 0:
-        return 0.0, 1.0
-    p, square = successes / samples, _Z * _Z
-    middle = (p + square / (2 * samples)) / (1 + square / samples)
-    half = _Z * sqrt(p * (1 - p) / samples + square / (4 * samples * samples)) / (1 + square / samples)
-    low = 0.0 if successes == 0 else max(0.0, middle - half)
-    return low, 1.0 if successes == samples else min(1.0, middle + half)
+    ALWAYS_VALID = "always valid"
+    """`confidence_sequence`: it holds whenever a trial ends."""
+    WILSON = "Wilson"
+    """`wilson_interval`, of a number of samples that was fixed, all of which were run."""
+    CERTAIN = "certain"
+    """Nothing is uncertain: both bounds are the outcome of the only sample, or 0 and 1 if that is unknown."""
 
 
 class CauseCount(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,7 +81,7 @@ class Progress(msgspec.Struct, frozen=True, kw_only=True):
     succeeded: int
     failed: int
     interval: tuple[float, float]
-    """The interval of the probability so far."""
+    """The always-valid interval of the probability so far."""
 
 
 class ReplayFrame(msgspec.Struct, frozen=True, eq=False):
@@ -123,8 +121,10 @@ class Verdict:
     probability: float | None
     """Part of the samples with a known outcome that succeeded; None without any."""
     interval: tuple[float, float]
-    """95 % interval of the probability after Wilson; a sample that is unknown counts as failed for the lower bound, and
-    as succeeded for the upper one. Both are equal for a plan without uncertainty."""
+    """95 % interval of the probability; a sample that is unknown counts as failed for the lower bound, and as succeeded
+    for the upper one. Both are equal for a plan without uncertainty."""
+    interval_kind: IntervalKind
+    """How it was computed."""
     samples: int
     """Number of samples that were begun."""
     succeeded: int
@@ -135,6 +135,9 @@ class Verdict:
     """The required probability."""
     stopped: str
     """Why there are no more samples, in words."""
+    more_samples: int | None
+    """About how many more samples would decide an unknown verdict, if they went on as before; 0 if it is decided, None if
+    more than ten million, or if no number would."""
     first_failure: SampleResult | None
     """The sample with the lowest index that failed."""
     causes: tuple[CauseCount, ...]
@@ -156,9 +159,15 @@ class Verdict:
         known = self.succeeded + self.failed
         parts = [f"{self.succeeded:,} of {known:,} samples succeeded"]
         if is_uncertain(self.plan):
-            parts = [f"{parts[0]} ({self.probability:.2f}, 95 % interval {low:.2f} to {high:.2f})"]
+            kind = " after Wilson" if self.interval_kind is IntervalKind.WILSON else ""
+            parts = [f"{parts[0]} ({self.probability:.2f}, 95 % interval{kind} {low:.2f} to {high:.2f})"]
         if self.unknown:
             parts.append(f"{self.unknown:,} {'is' if self.unknown == 1 else 'are'} unknown")
+        if self.outcome is Outcome.UNKNOWN:
+            parts.append(f"it ended since {self.stopped}")
+            if is_uncertain(self.plan):
+                more = f"more than {MAX_ESTIMATE:,}" if self.more_samples is None else f"about {self.more_samples:,} more"
+                parts.append(f"{more} samples would decide whether it is at least {self.threshold:g}")
         if self.first_failure is not None and self.first_failure.cause is not None:
             parts.append(f"sample {self.first_failure.index}: {self.first_failure.cause.text}")
         return f"{self.outcome}: {'; '.join(parts)}"
@@ -203,6 +212,7 @@ class Verdict:
             "outcome": self.outcome.value,
             "probability": self.probability,
             "interval": list(self.interval),
+            "interval_kind": self.interval_kind.value,
             "samples": self.samples,
             "succeeded": self.succeeded,
             "failed": self.failed,
@@ -210,6 +220,7 @@ class Verdict:
             "seed": self.seed,
             "threshold": self.threshold,
             "stopped": self.stopped,
+            "more_samples": self.more_samples,
             "why": str(self),
             "first_failure": msgspec.to_builtins(self.first_failure),
             "causes": [msgspec.to_builtins(each) for each in self.causes],
@@ -242,7 +253,7 @@ def evaluate_plan(
     seed: Seed = 0,
     budget_s: Timeout = 60.0,
     threshold: Fraction = 0.9,
-    width: Fraction | None = 0.1,
+    fixed: bool = False,
     workers: Workers | str | Executor = 1,
     progress: Callable[[Progress], object] = lambda progress: None,
     cancel: Callable[[], bool] = never,
@@ -258,8 +269,9 @@ def evaluate_plan(
         samples: the largest number of samples; a plan without uncertainty has one, since all would be equal.
         seed: determines the random numbers.
         budget_s: limit of the wall time [s]; samples that have not ended by then are unknown.
-        threshold: the probability that the plan must have to succeed.
-        width: the trial ends early when the interval is as narrow; None to run all samples.
+        threshold: the probability that the plan must have to succeed. The trial ends as soon as the interval does not
+            contain it, which is wrong for at most 2.5 % of the seeds, however near the true probability is.
+        fixed: whether exactly `samples` are run; the interval is Wilson's then.
         workers: number of processes; "ray" or "ray://HOST:PORT" for a Ray cluster; "gpu" or "gpu:WORLDS" for
             MuJoCo Warp on a GPU, "gpu:cpu" without one; or an executor, which remains open.
         progress: called after each batch of samples.
@@ -279,7 +291,7 @@ def evaluate_plan(
     image = SimulationImage.capture(simulation)
     limit = samples if is_uncertain(plan) else 1
     executor, is_own = (workers, False) if not isinstance(workers, int | str) else (make_executor(workers, limit), True)
-    trial = _Trial(limit, width=width if is_uncertain(plan) else None)
+    trial = _Trial(limit, threshold=None if fixed or not is_uncertain(plan) else threshold)
     try:
         results = executor.run(Job(image, plan, seed), range(limit), deadline_s=deadline_s, cancel=cancel)
         for result in results:
@@ -304,6 +316,7 @@ def evaluate_plan(
         image,
         seed=seed,
         threshold=threshold,
+        is_fixed=fixed and trial.is_complete,
         stopped=stopped,
         assumptions=(*stated.notes, *executor.notes),
     )
@@ -335,8 +348,8 @@ def make_executor(workers: int | str, samples: int = 1) -> Executor:
 class _Trial:
     """Collects results, and decides after each batch whether more are needed."""
 
-    def __init__(self, limit: int, *, width: float | None) -> None:
-        self._limit, self._width = limit, width
+    def __init__(self, limit: int, *, threshold: float | None) -> None:
+        self._limit, self._threshold = limit, threshold
         self._results: dict[int, SampleResult] = {}
         self._prefix = 0
         self._counts: Counter[Outcome] = Counter()
@@ -345,6 +358,11 @@ class _Trial:
     @property
     def is_decided(self) -> bool:
         return bool(self.stopped)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all samples were run to their end, or to the loss of their worker."""
+        return self._prefix == self._limit and not self.has_interrupted_samples
 
     @property
     def has_interrupted_samples(self) -> bool:
@@ -362,9 +380,11 @@ class _Trial:
                 self.stopped = "all samples were run"
             if self._prefix % _BATCH == 0 or self.stopped:
                 is_complete = True
-                low, high = _interval(self._counts)
-                if not self.stopped and self._width is not None and high - low <= self._width:
-                    self.stopped = f"the interval is narrower than {self._width:g}"
+                if not self.stopped and self._threshold is not None:
+                    low, high = _interval(self._counts)
+                    if not low < self._threshold <= high:
+                        side = "at least" if low >= self._threshold else "below"
+                        self.stopped = f"the interval is {side} {self._threshold:g}"
         return is_complete
 
     def progress(self) -> Progress:
@@ -382,10 +402,12 @@ class _Trial:
         return [self._results[index] for index in sorted(self._results) if index < last]
 
 
-def _interval(counts: Mapping[Outcome, int]) -> tuple[float, float]:
+def _interval(
+    counts: Mapping[Outcome, int], interval: Callable[[int, int], tuple[float, float]] = confidence_sequence
+) -> tuple[float, float]:
     succeeded, unknown = counts.get(Outcome.SUCCEEDED, 0), counts.get(Outcome.UNKNOWN, 0)
     total = succeeded + unknown + counts.get(Outcome.FAILED, 0)
-    return wilson_interval(succeeded, total)[0], wilson_interval(succeeded + unknown, total)[1]
+    return interval(succeeded, total)[0], interval(succeeded + unknown, total)[1]
 
 
 def _verdict(
@@ -395,6 +417,7 @@ def _verdict(
     *,
     seed: int,
     threshold: float,
+    is_fixed: bool,
     stopped: str,
     assumptions: Iterable[str] = (),
 ) -> Verdict:
@@ -403,8 +426,10 @@ def _verdict(
     known = succeeded + failed
     rests_on = [*image.notes, *image.assumptions, *assumptions]
     if is_uncertain(plan):
-        interval = _interval(counts)
+        kind = IntervalKind.WILSON if is_fixed else IntervalKind.ALWAYS_VALID
+        interval = _interval(counts, wilson_interval if is_fixed else confidence_sequence)
     else:
+        kind = IntervalKind.CERTAIN
         interval = (float(succeeded), float(succeeded)) if known else (0.0, 1.0)
         rests_on.append("no uncertainty is stated: everything is exactly as in the world, and one sample suffices")
     rests_on += _skill_assumptions(results)
@@ -415,11 +440,15 @@ def _verdict(
         outcome = Outcome.SUCCEEDED
     elif results and interval[1] < threshold:
         outcome = Outcome.FAILED
+    more: int | None = 0
+    if outcome is Outcome.UNKNOWN:
+        more = samples_to_decide(succeeded, len(results), threshold, unknown=counts[Outcome.UNKNOWN])
     causes = Counter(_cause_key(result.cause) for result in results if result.cause is not None)
     return Verdict(
         outcome=outcome,
         probability=succeeded / known if known else None,
         interval=interval,
+        interval_kind=kind,
         samples=len(results),
         succeeded=succeeded,
         failed=failed,
@@ -427,6 +456,7 @@ def _verdict(
         seed=seed,
         threshold=threshold,
         stopped=stopped,
+        more_samples=more,
         first_failure=next((each for each in results if each.outcome is Outcome.FAILED), None),
         causes=tuple(
             CauseCount(kind=kind, thing=thing, other=other, count=count)
