@@ -157,7 +157,7 @@ def evaluate(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 2 if that is unknown."""
+    """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 3 if that is unknown."""
     from mindstage.imagination import evaluate_plan, load_plan
     from mindstage.pictures import picture_format
 
@@ -191,7 +191,7 @@ def evaluate(
     if interrupted.is_set():
         return ExitCode.INTERRUPTED
     codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
-    return codes.get(verdict.outcome.value, ExitCode.ERROR)
+    return codes.get(verdict.outcome.value, ExitCode.UNKNOWN)
 
 
 def _draw(simulation: Simulation, verdict: Verdict, path: Path, *, as_json: bool) -> None:

@@ -1,7 +1,7 @@
 """Confidence intervals of the probability with which samples succeed, for a fixed and for an open number of samples.
 
-Who looks at an interval after each sample, and ends when it suits, errs more often than an interval for a fixed number of
-samples allows. `confidence_sequence` holds at all numbers of samples at once: the probability that any of its intervals
+An interval for a fixed number of samples errs more often than it says if it is looked at after each sample, and decides
+when they end. `confidence_sequence` holds at all numbers of samples at once: the probability that any of its intervals
 ever misses the true value is at most 5 %, 2.5 % on each side, whatever the value and the rule for ending.
 """
 
@@ -50,12 +50,12 @@ def wilson_interval(successes: Index, samples: Index) -> tuple[float, float]:
 def confidence_sequence(successes: Index, samples: Index) -> tuple[float, float]:
     """The 95 % interval of a probability that holds at all numbers of samples at once, at 2.5 % on each side.
 
-    Each bound is where a test of "the probability is at most (at least) t" has just been decided. The test statistic is
-    the likelihood, mixed over Jeffreys' distribution beyond t, divided by that of t: a nonnegative supermartingale under
-    the hypothesis, which exceeds 40 at any time with a probability of at most 1/40 (Ville 1939). The mixture is that of
-    Robbins, Statistical methods related to the law of the iterated logarithm, Ann. Math. Stat. 41 (1970), for binomial
-    samples as in Howard, Ramdas, McAuliffe and Sekhon, Time-uniform, nonparametric, nonasymptotic confidence sequences,
-    Ann. Stat. 49 (2021).
+    Each bound is where a test of "the probability is at most (at least) t" has just been decided. The test statistic
+    is the likelihood, mixed over Jeffreys' distribution beyond t, divided by that of t: a nonnegative supermartingale
+    under the hypothesis, which exceeds 40 at any time with a probability of at most 1/40 (Ville 1939). The mixture is
+    that of Robbins, Statistical methods related to the law of the iterated logarithm, Ann. Math. Stat. 41 (1970), for
+    binomial samples as in Howard, Ramdas, McAuliffe and Sekhon, Time-uniform, nonparametric, nonasymptotic confidence
+    sequences, Ann. Stat. 49 (2021).
 
     Args:
         successes: number of samples that succeeded.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import partial
 from math import cos, sin
 from typing import Any, NoReturn, Protocol, TypeAlias, TypeVar, cast
@@ -30,6 +31,7 @@ from mindstage.errors import (
 )
 from mindstage.imagination.plan_files import PlanFile, PlanLike, load_plan
 from mindstage.imagination.plans import (
+    MAX_DEVIATION,
     ChangePhysics,
     Check,
     Close,
@@ -45,7 +47,7 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
-from mindstage.imagination.watch import EventWatch, WatchBasis
+from mindstage.imagination.watch import MAX_CORRECTION_M, EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.ranges import Index, Seed, checked
 from mindstage.rdf.graphs import local_name
@@ -73,8 +75,10 @@ __all__ = [
     "RunningSample",
     "SampleSession",
     "SampleStoppedError",
+    "is_stopped",
     "is_uncertain",
     "run_plan",
+    "stopping",
     "validate_plan",
 ]
 
@@ -100,6 +104,24 @@ _MIN_FACTOR = 0.05
 def never() -> bool:
     """Does not stop."""
     return False
+
+
+_STOP: ContextVar[Callable[[], bool]] = ContextVar("stop of imagination", default=never)
+
+
+@contextmanager
+def stopping(stop: Callable[[], bool]) -> Iterator[None]:
+    """In the context, trials of questions that are asked, as of checks, end when `stop` returns true."""
+    token = _STOP.set(stop)
+    try:
+        yield
+    finally:
+        _STOP.reset(token)
+
+
+def is_stopped() -> bool:
+    """Whether trials have to end; see `stopping`."""
+    return _STOP.get()()
 
 
 def is_uncertain(plan: PlanLike) -> bool:
@@ -337,6 +359,7 @@ class _Sample:
             duration_s=round(self.watch.time_s, 9),
             end_poses=self._end_poses(),
             is_interrupted=is_interrupted,
+            began_in_collision=self.watch.began_in_collision,
             answers=self.answers,
             skills=tuple(self.skills),
         )
@@ -344,6 +367,12 @@ class _Sample:
     # -- uncertainty -------------------------------------------------------------------------------------------------
 
     def _perturb_start(self) -> None:
+        try:
+            self._perturb()
+        except (WorldError, InvalidArgumentError) as error:  # a number that the engine refuses
+            raise _StepFailedError(self._event(EventKind.REFUSED, f"a random start: {error}")) from error
+
+    def _perturb(self) -> None:
         scales: dict[BodyId, DynamicsScale] = {}
         poses: list[tuple[BodyId, Pose]] = []
         for id, each in self.uncertainty.items():
@@ -364,6 +393,7 @@ class _Sample:
         if scales or poses:
             self.simulation.engine.run(perturb, label="perturb", edits=True)
             self.watch.set_reference(id for id, _ in poses)
+            self.watch.begin_overlaps(id for id, _ in poses)
 
     def _noisy(self, id: BodyId, pose: Pose) -> Pose:
         """A pose that a step gives a body, with the deviation of its pose."""
@@ -467,10 +497,22 @@ class _Sample:
         return {} if merged is None else {id: merged}
 
     def _set_pose(self, id: BodyId, pose: Pose) -> None:
-        """Sets the pose of a thing, at rest, with those of what stands on it."""
-        poses = {id: self._noisy(id, pose)}
-        new_from_old = pose_multiply(_array(poses[id]), pose_inverse(self._pose(id)))
-        for load in self.watch.loads_of(id):
+        """Sets the pose of a thing, at rest, with those of what stands on it, and then adds its deviation."""
+        loads = self.watch.loads_of(id)
+        self._set_exactly(id, pose, loads)
+        for overlap in self.watch.overlaps((id, *loads)):
+            if overlap.depth_m > MAX_CORRECTION_M:
+                event = self._event(EventKind.REFUSED, f"the given pose is not free: {overlap.text}")
+                raise _StepFailedError(msgspec.structs.replace(event, thing=overlap.thing, other=overlap.other))
+        noisy = self._noisy(id, pose)
+        if noisy is not pose:
+            self._set_exactly(id, noisy, loads)
+        self.watch.begin_overlaps((id, *loads))
+
+    def _set_exactly(self, id: BodyId, pose: Pose, loads: Iterable[BodyId]) -> None:
+        poses = {id: pose}
+        new_from_old = pose_multiply(_array(pose), pose_inverse(self._pose(id)))
+        for load in loads:
             poses[load] = pose_from_array(pose_multiply(new_from_old, self._pose(load)))
         self._edit(SetPoses(poses, {} if self.watch.is_prescribed(id) else None))  # {}: it is there at once
         self.watch.set_reference(poses)
@@ -642,7 +684,11 @@ class _Sample:
 
     def _answer(self, check: Check) -> tuple[bool, tuple[dict[str, object], ...]]:
         """Whether the answers to a question are as expected, and the answers as plain data."""
+        from mindstage.knowledge.queries import get_question
+
         rows = self.simulation.ask(check.question, **check.args)
+        if is_stopped() and get_question(check.question).imagines:
+            raise SampleStoppedError  # the answers rest on too few samples
         plain = tuple({name: msgspec.to_builtins(getattr(row, name)) for name in row.__struct_fields__} for row in rows)
         if isinstance(check.expect, str):
             return bool(plain) is (check.expect == "any"), plain
@@ -760,6 +806,7 @@ class _Validator:
             raise PlanError(self.place("steps"), cause="the plan has neither steps nor a check")
         for number, step in enumerate(self.plan.steps):
             self._check_step(f"steps[{number}]", step)
+        self._check_times()
         kinds = tuple(EventKind)
         for number, kind in enumerate(self.plan.forbid):
             if kind not in kinds:
@@ -769,6 +816,21 @@ class _Validator:
         for name, check in (("check", self.plan.check), ("until", self.plan.until)):
             if check is not None:
                 self._check_question(name, check)
+
+    def _check_times(self) -> None:
+        """Checks that durations and deadlines do not contradict one another."""
+        limit_s, total_s = self.plan.deadline_s, 0.0
+        for number, step in enumerate(self.plan.steps):
+            if isinstance(step, Edit):
+                continue
+            path, given_s = f"steps[{number}].deadline_s", step.deadline_s
+            total_s += step.given_duration_s
+            if given_s is not None and given_s < step.given_duration_s:
+                self._fail(path, f"the step takes {step.given_duration_s:g} s, and is to end after {given_s:g} s")
+            if limit_s is not None and given_s is not None and given_s > limit_s and not isinstance(step, Perform):
+                self._fail(path, f"{given_s:g} s is later than the deadline of the plan, {limit_s:g} s")
+        if limit_s is not None and limit_s < total_s:
+            self._fail("deadline_s", f"the steps take {total_s:g} s, and the plan is to end after {limit_s:g} s")
 
     def _check_step(self, path: str, step: PlanStep) -> None:
         match step:
@@ -842,8 +904,8 @@ class _Validator:
         self.new_ids.add(name)
 
     def _check_uncertainty(self, path: str, each: Uncertainty) -> None:
-        if not np.all(np.asarray(each.position_m) >= 0.0) or not np.all(np.isfinite(each.position_m)):
-            self._fail(f"{path}.position_m", "a standard deviation is at least 0")
+        if not np.all(np.asarray(each.position_m) >= 0.0) or not np.all(np.asarray(each.position_m) <= MAX_DEVIATION):
+            self._fail(f"{path}.position_m", f"a standard deviation is a number from 0 to {MAX_DEVIATION:g}")
         if (each.mass or each.friction or each.joint_friction) and (
             Capability.SCALE_DYNAMICS not in self.simulation.engine.capabilities
         ):
@@ -862,7 +924,8 @@ class _Validator:
             question = get_question(check.question)
             question.bind((), check.args)
             if self.new_ids.isdisjoint(map(str, check.args.values())):  # else they can be asked for only later
-                self.simulation.ask(check.question, **check.args)
+                with stopping(lambda: True):  # what imagines only resolves its names
+                    self.simulation.ask(check.question, **check.args)
         except KnowledgeError as error:
             self._fail(path, str(error), error)
         columns = question.row.__struct_fields__

@@ -24,7 +24,7 @@ from typing import Any, BinaryIO, Protocol, cast
 from uuid import uuid4
 
 from mindstage.errors import ImaginationError, MindstageError
-from mindstage.imagination.execution import PlanRunner, never
+from mindstage.imagination.execution import PlanRunner, never, stopping
 from mindstage.imagination.plans import Plan
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.ranges import Workers, checked
@@ -90,7 +90,7 @@ class SampleRunner:
 
     def run(self, index: int, *, stop: Callable[[], bool] = never, **options: Any) -> SampleResult:
         """Runs one sample; see `PlanRunner.run`."""
-        with self._image.restore() as simulation:
+        with self._image.restore() as simulation, stopping(stop):
             return self._runner.run(simulation, index, stop=stop, **options)
 
 

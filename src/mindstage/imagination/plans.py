@@ -6,16 +6,17 @@ frame (x forward, y left, z up), lengths in meters, forces in newtons, times in 
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
 from mindstage.access.limits import Deadline, PositiveDuration
-from mindstage.ranges import ForceVector, Fraction, NotNegative, Point, PositiveMass, check_fields
+from mindstage.ranges import ForceVector, Fraction, Point, PositiveMass, check_fields
 from mindstage.scene import Mobility, Pose, as_pose
 from mindstage.scene.edits import Attach, Detach
 
 __all__ = [
+    "MAX_DEVIATION",
     "ChangePhysics",
     "Check",
     "Close",
@@ -36,6 +37,11 @@ _DEADLINE_S = 30.0
 """Time of a plan that states no deadline, besides those of its steps [s]."""
 _STEP_DEADLINE_S = 10.0
 """Time of a step that states no deadline, besides its duration [s]."""
+
+
+MAX_DEVIATION = 100.0
+"""Largest standard deviation [m, rad, or relative]; larger ones could only overflow."""
+_Deviation: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_DEVIATION)]
 
 
 class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_unknown_fields=True):
@@ -78,7 +84,8 @@ class Move(_Step, frozen=True, kw_only=True, tag="move"):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.to is not None:
-            msgspec.structs.force_setattr(self, "to", as_pose(self.to, "to"))
+            numbers = (*self.to.position, *self.to.quaternion) if isinstance(self.to, Pose) else self.to
+            msgspec.structs.force_setattr(self, "to", as_pose(numbers, "to"))  # which checks the numbers
 
 
 class Pull(_Step, frozen=True, kw_only=True, tag="pull"):
@@ -167,13 +174,13 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The id of a body, or the name of a class."""
     position_m: float | tuple[float, float, float] = 0.0  # msgspec 0.22 crashes if these numbers have constraints
     """Along x, y, z of the world; one number is for x and y, and the height is then exact."""
-    yaw_rad: NotNegative = 0.0
+    yaw_rad: _Deviation = 0.0
     """Rotation about the vertical axis."""
-    mass: NotNegative = 0.0
+    mass: _Deviation = 0.0
     """Relative to the mass."""
-    friction: NotNegative = 0.0
+    friction: _Deviation = 0.0
     """Relative to the coefficients of friction."""
-    joint_friction: NotNegative = 0.0
+    joint_friction: _Deviation = 0.0
     """Relative to the friction and damping of the joint that moves the body."""
 
     def __post_init__(self) -> None:

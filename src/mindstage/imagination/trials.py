@@ -21,7 +21,7 @@ from msgspec import Meta
 from mindstage.engines import make_engine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
 from mindstage.imagination.confidence import confidence_sequence, wilson_interval
-from mindstage.imagination.execution import PlanRunner, is_uncertain
+from mindstage.imagination.execution import PlanRunner, is_stopped, is_uncertain
 from mindstage.imagination.plan_files import PlanFile, load_plan
 from mindstage.imagination.plans import Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
@@ -296,11 +296,15 @@ def run_trials(
     uncertain = is_uncertain(plan)
     count = (samples or DEFAULT_SAMPLES) if uncertain else 1
     deadline = time.monotonic() + _BUDGET_S
+
+    def is_over() -> bool:
+        return time.monotonic() > deadline or is_stopped()
+
     found: dict[BodyId, list[Trial]] = {}
     done = 0
     for index in range(count):
         with scene.image.restore() as copy:
-            result = runner.run(copy, index, stop=lambda: time.monotonic() > deadline)
+            result = runner.run(copy, index, stop=is_over)
             trials = judge(copy, result)
             if result.outcome is Outcome.UNKNOWN:
                 why = result.cause.text if result.cause else "the sample did not end"
@@ -308,7 +312,7 @@ def run_trials(
             for id, trial in trials.items():
                 found.setdefault(id, []).append(trial)
         done += 1
-        if time.monotonic() > deadline:
+        if is_over():
             break
     notes = (*stated.notes, *scene.image.assumptions)
     return {id: Trials(tuple(each), seed or 0, uncertain, count - done, notes) for id, each in found.items()}
@@ -475,7 +479,9 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             joints = scene.joints_of_part(part)
             if not joints:
                 raise InvalidArgumentError("edit", cause=f"{local_name(part)} is no door or drawer, and has none")
-            fraction = min(1.0, float(words.get("percent") or 100.0) / 100.0)
+            fraction = _number(words.get("percent") or "100", "percentage") / 100.0
+            if fraction > 1.0:
+                raise InvalidArgumentError("edit", cause=f"{words['percent']} % is too much", remedy="up to 100 %")
             for joint in joints:
                 yield Open(thing=joint.id, fraction=fraction) if kind == "open" else Close(thing=joint.id)
         case "place":
@@ -484,7 +490,7 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             into = words["how"].lower().startswith("in")
             yield Place(thing=thing, into=holder) if into else Place(thing=thing, on=holder)
         case "wait":
-            yield Wait(duration_s=_number(words["duration"]))
+            yield Wait(duration_s=_number(words["duration"], "duration"))
         case "attach":
             parent, child = (_body_id(scene, _find(kb, scene, words[name])) for name in ("parent", "child"))
             yield Attach(parent=parent, child=child)
@@ -492,13 +498,13 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             yield Detach(child=_body_id(scene, _find(kb, scene, words["child"])))
 
 
-def _number(text: str) -> float:
+def _number(text: str, what: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = 0.0
     if not value > 0.0:
-        raise InvalidArgumentError("edit", cause=f"{text!r} is no duration", remedy="as in 'wait 2 s'")
+        raise InvalidArgumentError("edit", cause=f"{text!r} is no {what}", remedy="give a number")
     return value
 
 

@@ -47,6 +47,7 @@ __all__ = ["CauseCount", "IntervalKind", "Progress", "Replay", "ReplayFrame", "V
 
 _BATCH = 10
 """The interval is looked at after each such number of samples, in their order, however many workers there are."""
+_CORRECTIONS = (EventKind.CORRECTED, EventKind.MOVED)
 _MAX_KEPT = 1000
 """Number of samples whose results are kept; the counts are of all."""
 
@@ -130,14 +131,16 @@ class Verdict:
     succeeded: int
     failed: int
     unknown: int
+    began_in_collision: int
+    """Number of samples in which a thing was inside of another one at the start, or where a step has set it."""
     seed: int
     threshold: float
     """The required probability."""
     stopped: str
     """Why there are no more samples, in words."""
     more_samples: int | None
-    """About how many more samples would decide an unknown verdict, if they went on as before; 0 if it is decided, None if
-    more than ten million, or if no number would."""
+    """About how many more samples would decide an unknown verdict, if they went on as before; 0 if it is decided, None
+    if more than ten million, or if no number would."""
     first_failure: SampleResult | None
     """The sample with the lowest index that failed."""
     causes: tuple[CauseCount, ...]
@@ -154,23 +157,36 @@ class Verdict:
 
     def __str__(self) -> str:
         if self.probability is None:
-            return f"{self.outcome}: no sample has a known outcome ({self.stopped})"
+            return f"{self.outcome}: no sample has a known outcome ({self.stopped}{self._why_unknown})"
         low, high = self.interval
         known = self.succeeded + self.failed
         parts = [f"{self.succeeded:,} of {known:,} samples succeeded"]
         if is_uncertain(self.plan):
             kind = " after Wilson" if self.interval_kind is IntervalKind.WILSON else ""
             parts = [f"{parts[0]} ({self.probability:.2f}, 95 % interval{kind} {low:.2f} to {high:.2f})"]
+        if self.began_in_collision:
+            share = f"{self.began_in_collision / self.samples:.0%} began in collision"
+            corrections = (event for each in self.results for event in each.events if event.kind in _CORRECTIONS)
+            first = next(corrections, None)
+            parts.append(share if first is None else f"{share}, such as: {first.text}")
         if self.unknown:
-            parts.append(f"{self.unknown:,} {'is' if self.unknown == 1 else 'are'} unknown")
+            parts.append(f"{self.unknown:,} {'is' if self.unknown == 1 else 'are'} unknown{self._why_unknown}")
         if self.outcome is Outcome.UNKNOWN:
             parts.append(f"it ended since {self.stopped}")
             if is_uncertain(self.plan):
-                more = f"more than {MAX_ESTIMATE:,}" if self.more_samples is None else f"about {self.more_samples:,} more"
+                more = (
+                    f"not even {MAX_ESTIMATE:,}" if self.more_samples is None else f"about {self.more_samples:,} more"
+                )
                 parts.append(f"{more} samples would decide whether it is at least {self.threshold:g}")
         if self.first_failure is not None and self.first_failure.cause is not None:
             parts.append(f"sample {self.first_failure.index}: {self.first_failure.cause.text}")
         return f"{self.outcome}: {'; '.join(parts)}"
+
+    @property
+    def _why_unknown(self) -> str:
+        """The cause of the first sample that is unknown, after a colon; empty without one."""
+        causes = (each.cause for each in self.results if each.outcome is Outcome.UNKNOWN)
+        return next((f": {cause.text}" for cause in causes if cause is not None), "")
 
     def end_poses(self, body: str) -> PoseArray:
         """The poses of a body at the end of the kept samples in which it is reported, k x 7.
@@ -217,6 +233,7 @@ class Verdict:
             "succeeded": self.succeeded,
             "failed": self.failed,
             "unknown": self.unknown,
+            "began_in_collision": self.began_in_collision,
             "seed": self.seed,
             "threshold": self.threshold,
             "stopped": self.stopped,
@@ -453,6 +470,7 @@ def _verdict(
         succeeded=succeeded,
         failed=failed,
         unknown=counts[Outcome.UNKNOWN],
+        began_in_collision=sum(result.began_in_collision for result in results),
         seed=seed,
         threshold=threshold,
         stopped=stopped,

@@ -95,8 +95,8 @@ class WarpExecutor:
     def notes(self) -> tuple[str, ...]:
         """See `Executor`."""
         text = (
-            f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, and "
-            "no divided time steps for fast bodies"
+            f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, "
+            "no divided time steps for fast bodies, and no check whether a thing begins inside of another one"
         )
         return (f"{text}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
 

@@ -59,7 +59,7 @@ class PlanActions:
         Raises:
             GoalCanceledError: the goal was canceled; with what is known by then.
         """
-        budget_s = min(goal.budget_s if goal.budget_s > 0.0 else _DEFAULT_BUDGET_S, context.timeout_s)
+        budget_s = goal.budget_s if goal.budget_s > 0.0 else min(_DEFAULT_BUDGET_S, context.timeout_s)
         trial = _SupervisedTrial(self._simulation, goal, context, budget_s)
         try:
             return trial.run()
@@ -109,6 +109,9 @@ class _SupervisedTrial:
     def _parsed(self) -> tuple[PlanFile, dict[str, Any]]:
         goal = self._goal
         plan = plan_from_text(goal.plan)
+        if not self._budget_s <= self._context.timeout_s:
+            cause = f"{self._budget_s:g} s is more than {self._context.timeout_s:g} s, the longest goal of this server"
+            raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path="budget_s", cause=cause)
         most = os.cpu_count() or 1
         workers = _limited("workers", goal.workers or 1, most, f"this machine has {most} processors")
         samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, PLAN_SAMPLES.count, "use several goals")

@@ -731,17 +731,19 @@ class Simulation:
     def commit(self) -> tuple[str, ...]:
         """Makes the edits of this copy in its original: spawned, deleted, moved and attached bodies, moved joints.
 
-        Edits are repeated, their outcome is not: joints are moved by pulling again, and time that passed in the copy is
-        not stepped in the original.
+        All of them are made, with bodies and joints where they were in the copy, or none: time that passed in the copy
+        is not stepped in the original, and what it has moved there cannot be attached or detached here. Joints are
+        moved by pulling again.
 
         Returns:
             The edits that were made, in words.
 
         Raises:
             CommitError: this is not a copy, or the original has changed since it was copied, or an edit is not possible
-                there.
+                there, or has another result; nothing was done.
         """
-        return commit_edits(self._engine, self._origin)
+        joints = self.engine.run(lambda engine: engine.joint_positions())
+        return commit_edits(self._engine, self._origin, joints)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to make an equal copy; only copies without a thread can be pickled."""
