@@ -141,7 +141,7 @@ def test_the_json_has_the_promised_fields(sim: Simulation) -> None:
     assert set(content) == {
         "outcome", "probability", "interval", "interval_kind", "samples", "succeeded", "failed", "unknown", "seed",
         "threshold", "stopped", "more_samples", "began_in_collision", "why", "first_failure", "causes", "assumptions",
-        "end_positions", "plan",
+        "sensitivity", "end_positions", "plan",
     }  # fmt: skip
     assert content["outcome"] == "failed"
     assert content["first_failure"]["cause"]["thing"] == "box"
@@ -352,8 +352,8 @@ def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: 
     low, high = verdict.interval
     assert str(verdict) == (
         f"unknown: 3 of 9 samples succeeded (0.33, 95 % interval after Wilson {low:.2f} to {high:.2f}); 1 is unknown: "
-        f"the node is gone; it ended since all samples were run; about {verdict.more_samples} more samples would decide "
-        "whether it is at least 0.2; sample 3: box fell from shelf"
+        f"the node is gone; it ended since all samples were run; about {verdict.more_samples} more samples would "
+        "decide whether it is at least 0.2; sample 3: box fell from shelf"
     )
     assert verdict.stopped == "all samples were run"
     assert "the samples were made up" in verdict.assumptions

@@ -95,7 +95,7 @@ Uncertainties = Annotated[
         "--uncertainty",
         metavar="TEXT",
         help="A body or class and standard deviations, besides the plan's: 'Milk position_m=0.01 yaw_rad=0.1 mass=0.2 "
-        "friction=0.2 joint_friction=0.2'; may be repeated.",
+        "friction=0.2 joint_friction=0.2', or guesses for masses and frictions that no map states; may be repeated.",
         show_default=False,
     ),
 ]
@@ -117,7 +117,7 @@ class PlanTrial(OptionGroup):
         Raises:
             InvalidArgumentError: an uncertainty is not valid.
         """
-        deviations = [deviations_of(text) for text in self.uncertainty or ()]
+        deviations = [text if text == "guesses" else deviations_of(text) for text in self.uncertainty or ()]
         numbers = {"samples": self.samples, "seed": self.seed, "budget_s": self.budget, "workers": self.workers}
         return {"uncertainty": deviations, **numbers}
 

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -103,7 +103,7 @@ def act(
         PlanError: the plan does not fit the world; nothing was done.
     """
     file = load_plan(plan)
-    certain = msgspec.structs.replace(file, plan=msgspec.structs.replace(file.plan, uncertainty=()))
+    certain = msgspec.structs.replace(file, plan=msgspec.structs.replace(file.plan, uncertainty=(), guesses=False))
     runner = PlanRunner(simulation, certain, seed=seed)
     with simulation.edits.one_step(file.plan.name or "plan"):
         sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
@@ -118,7 +118,7 @@ def try_first(
     at_least: Fraction = 0.9,
     certain: bool = True,
     check: Check | None = None,
-    uncertainty: Iterable[Uncertainty] = (),
+    uncertainty: Iterable[Uncertainty | Literal["guesses"]] | Literal["guesses"] = (),
     samples: Samples = 100,
     seed: Seed = 0,
     budget_s: Timeout = 60.0,

@@ -16,10 +16,12 @@ from mindstage.scene import Mobility, Pose, as_pose
 from mindstage.scene.edits import Attach, Detach
 
 __all__ = [
+    "GUESSES",
     "MAX_DEVIATION",
     "ChangePhysics",
     "Check",
     "Close",
+    "GivenUncertainty",
     "Move",
     "Open",
     "Perform",
@@ -44,6 +46,10 @@ MAX_DEVIATION = 100.0
 _Deviation: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_DEVIATION)]
 
 
+GUESSES: Literal["guesses"] = "guesses"
+"""As an uncertainty: that of what is guessed."""
+
+
 class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_unknown_fields=True):
     deadline_s: Deadline | None = None
     """The step fails if it has not ended after this simulated time [s]; None for 10 s after its duration, if any."""
@@ -63,13 +69,21 @@ class _Step(msgspec.Struct, frozen=True, kw_only=True, tag_field="do", forbid_un
 
 
 class Place(_Step, frozen=True, kw_only=True, tag="place"):
-    """Puts a thing at a free place on or in another one, at which it stays."""
+    """Puts a thing at a free place on or in another one, at which it stays; several at once where all of them fit.
 
-    thing: str
-    """The id of a body, which is moved there, or the name of a class, of which a new body is spawned."""
+    Room is left for what the next steps put there, too.
+    """
+
+    thing: str | tuple[str, ...]
+    """The id of a body, which is moved there, or the name of a class, of which a new body is spawned; or several."""
     on: str | None = None
     into: str | None = None
     """The id of the holder; exactly one of `on` and `into`."""
+
+    @property
+    def things(self) -> tuple[str, ...]:
+        """All that is put there."""
+        return (self.thing,) if isinstance(self.thing, str) else self.thing
 
 
 class Move(_Step, frozen=True, kw_only=True, tag="move"):
@@ -187,6 +201,10 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         check_fields(self)
 
 
+GivenUncertainty: TypeAlias = tuple[Uncertainty | Literal["guesses"], ...] | Literal["guesses"]
+"""What a plan gives: deviations of named things, "guesses" for those of what is guessed, or both."""
+
+
 class Check(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A question that is asked at the end, and the answer with which a sample succeeds."""
 
@@ -201,7 +219,10 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     steps: tuple[PlanStep, ...]
     name: str = ""
-    uncertainty: tuple[Uncertainty, ...] = ()
+    uncertainty: GivenUncertainty = ()
+    """Of named things; "guesses", alone or among them, is kept in `guesses`."""
+    guesses: bool = False
+    """Whether masses and frictions that no map states vary; see `mindstage.imagination.guesses`."""
     check: Check | None = None
     """None if it is enough that each step ends in time and that no forbidden event occurs."""
     until: Check | None = None
@@ -215,6 +236,15 @@ class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     def __post_init__(self) -> None:
         check_fields(self)
+        given = (self.uncertainty,) if self.uncertainty == GUESSES else self.uncertainty
+        if GUESSES in given:
+            msgspec.structs.force_setattr(self, "guesses", True)
+            msgspec.structs.force_setattr(self, "uncertainty", tuple(each for each in given if each != GUESSES))
+
+    @property
+    def stated(self) -> tuple[Uncertainty, ...]:
+        """The uncertainty of named things."""
+        return tuple(each for each in self.uncertainty if isinstance(each, Uncertainty))
 
     @property
     def time_limit_s(self) -> float:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -21,9 +21,10 @@ from msgspec import Meta
 from mindstage.engines import make_engine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
 from mindstage.imagination.confidence import confidence_sequence, wilson_interval
-from mindstage.imagination.execution import PlanRunner, is_stopped, is_uncertain
+from mindstage.imagination.execution import PlanRunner, is_stopped, is_uncertain, named_bodies
+from mindstage.imagination.guesses import Guesses
 from mindstage.imagination.plan_files import PlanFile, load_plan
-from mindstage.imagination.plans import Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
+from mindstage.imagination.plans import GUESSES, Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
 from mindstage.knowledge.names import EntityType
@@ -264,7 +265,7 @@ class Trials:
         if self.left_out:
             parts.append(f"{counted(self.left_out, 'sample')} not tried within {_BUDGET_S:g} s")
         if not self.is_uncertain:
-            parts.append("nothing is uncertain, so one sample was tried")
+            parts.append("no uncertainty is stated, so one sample was tried")
         parts += self.notes
         return "; ".join(parts)
 
@@ -291,6 +292,7 @@ def run_trials(
     """
     with scene.image.restore() as start:
         stated = stated_uncertainty(start)
+        guesses = Guesses.of(start).sentences(named_bodies(plan, start))
         plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
         runner = PlanRunner(start, plan, seed=seed or 0)
     uncertain = is_uncertain(plan)
@@ -314,12 +316,12 @@ def run_trials(
         done += 1
         if is_over():
             break
-    notes = (*stated.notes, *scene.image.assumptions)
+    notes = (*stated.notes, *scene.image.assumptions, *guesses)
     return {id: Trials(tuple(each), seed or 0, uncertain, count - done, notes) for id, each in found.items()}
 
 
-def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty, ...]:
-    """The uncertainty of a thing from words such as "position_m=0.01 mass=0.1".
+def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty | Literal["guesses"], ...]:
+    """The uncertainty of a thing from words such as "position_m=0.01 mass=0.1", and "guesses".
 
     Raises:
         InvalidArgumentError: a word is not a field of `Uncertainty` with a number.
@@ -328,17 +330,19 @@ def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty, ...]:
         return ()
     known = [name for name in Uncertainty.__struct_fields__ if name != "thing"]
     values: dict[str, object] = {"thing": thing}
-    for word in re.split(r"[\s,]+", text.strip()):
+    words = re.split(r"[\s,]+", text.strip())
+    guesses = (GUESSES,) if GUESSES in words else ()
+    for word in [each for each in words if each != GUESSES]:
         name, _, value = word.partition("=")
         try:
             values[name] = float(value)
         except ValueError:
             name = ""
         if name not in known:
-            remedy = f"as in position_m=0.01 mass=0.1; there is {', '.join(known)}"
+            remedy = f"as in position_m=0.01 mass=0.1; there is {', '.join(known)}, and guesses"
             raise InvalidArgumentError("uncertainty", cause=f"{word!r} is no standard deviation", remedy=remedy)
     try:
-        return (msgspec.convert(values, Uncertainty),)
+        return (*guesses, *([msgspec.convert(values, Uncertainty)] if len(values) > 1 else []))
     except msgspec.ValidationError as error:
         raise InvalidArgumentError("uncertainty", cause=str(error), remedy="give numbers of at least 0") from error
 

@@ -15,9 +15,10 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any
+from functools import partial
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -31,10 +32,11 @@ from mindstage.imagination.confidence import (
     samples_to_decide,
     wilson_interval,
 )
-from mindstage.imagination.execution import is_uncertain, never, validate_plan
+from mindstage.imagination.execution import is_uncertain, named_bodies, never, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, SampleRunner, WorkerPoolExecutor
+from mindstage.imagination.guesses import Guess, Guesses
 from mindstage.imagination.plan_files import PlanLike, load_plan
-from mindstage.imagination.plans import Check, Plan, Uncertainty
+from mindstage.imagination.plans import GUESSES, Check, Plan, Uncertainty
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
 from mindstage.ranges import Fraction, Index, Seed, Workers, checked
@@ -145,6 +147,8 @@ class Verdict:
     """The sample with the lowest index that failed."""
     causes: tuple[CauseCount, ...]
     """Why samples did not succeed, the most frequent cause first."""
+    sensitivity: str
+    """Which guess matters most, in words; empty unless guesses vary."""
     assumptions: tuple[str, ...]
     """What the verdict rests on, one sentence each."""
     plan: Plan
@@ -180,6 +184,8 @@ class Verdict:
                 parts.append(f"{more} samples would decide whether it is at least {self.threshold:g}")
         if self.first_failure is not None and self.first_failure.cause is not None:
             parts.append(f"sample {self.first_failure.index}: {self.first_failure.cause.text}")
+        if self.sensitivity:
+            parts.append(self.sensitivity)
         return f"{self.outcome}: {'; '.join(parts)}"
 
     @property
@@ -241,6 +247,7 @@ class Verdict:
             "why": str(self),
             "first_failure": msgspec.to_builtins(self.first_failure),
             "causes": [msgspec.to_builtins(each) for each in self.causes],
+            "sensitivity": self.sensitivity,
             "assumptions": list(self.assumptions),
             "end_positions": {
                 id: {"count": len(each), "mean": each.mean(axis=0).tolist(), "deviation": each.std(axis=0).tolist()}
@@ -265,7 +272,7 @@ def evaluate_plan(
     plan: PlanLike,
     *,
     check: Check | None = None,
-    uncertainty: Iterable[Uncertainty] = (),
+    uncertainty: Iterable[Uncertainty | Literal["guesses"]] | Literal["guesses"] = (),
     samples: Samples = 100,
     seed: Seed = 0,
     budget_s: Timeout = 60.0,
@@ -282,7 +289,8 @@ def evaluate_plan(
         plan: the plan, a dict, or the path or text of one in JSON or YAML; see `load_plan`.
         check: a question at the end, instead of the plan's.
         uncertainty: added to the plan's, before which comes that of the maps (`stated_uncertainty`); what is stated
-            later precedes.
+            later precedes. With "guesses", alone or among them, masses and frictions that no map states vary, and the
+            verdict says which of them matters, from at most as many further samples.
         samples: the largest number of samples; a plan without uncertainty has one, since all would be equal.
         seed: determines the random numbers.
         budget_s: limit of the wall time [s]; samples that have not ended by then are unknown.
@@ -302,15 +310,21 @@ def evaluate_plan(
     file = load_plan(plan)
     given = file.plan
     stated = stated_uncertainty(simulation)
-    plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.uncertainty, *uncertainty))
+    added = (uncertainty,) if isinstance(uncertainty, str) else tuple(uncertainty)
+    if unknown := [each for each in added if isinstance(each, str) and each != GUESSES]:
+        raise PlanError("uncertainty", cause=f"{unknown[0]!r} is neither an Uncertainty nor {GUESSES!r}")
+    plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.stated, *added))
     validate_plan(msgspec.structs.replace(file, plan=plan), simulation)
-    plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
+    plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.stated))
+    guesses = Guesses.of(simulation)
+    guessed = guesses.sentences(named_bodies(plan, simulation))
     image = SimulationImage.capture(simulation)
     limit = samples if is_uncertain(plan) else 1
     executor, is_own = (workers, False) if not isinstance(workers, int | str) else (make_executor(workers, limit), True)
+    job, sensitivity = Job(image, plan, seed), ""
     trial = _Trial(limit, threshold=None if fixed or not is_uncertain(plan) else threshold)
     try:
-        results = executor.run(Job(image, plan, seed), range(limit), deadline_s=deadline_s, cancel=cancel)
+        results = executor.run(job, range(limit), deadline_s=deadline_s, cancel=cancel)
         for result in results:
             if trial.add(result):
                 progress(trial.progress())
@@ -319,6 +333,9 @@ def evaluate_plan(
         close = getattr(results, "close", None)
         if close is not None:
             close()
+        if plan.guesses and trial.is_decided:
+            run = partial(executor.run, deadline_s=deadline_s, cancel=cancel)
+            sensitivity = _sensitivity(job, guesses, trial.counted(), run)
     except PlanError as error:  # a step that this executor cannot run
         raise PlanError(file.place(error.place), cause=error.cause) from error
     finally:
@@ -335,7 +352,8 @@ def evaluate_plan(
         threshold=threshold,
         is_fixed=fixed and trial.is_complete,
         stopped=stopped,
-        assumptions=(*stated.notes, *executor.notes),
+        sensitivity=sensitivity,
+        assumptions=(*stated.notes, *executor.notes, *guessed),
     )
 
 
@@ -436,6 +454,7 @@ def _verdict(
     threshold: float,
     is_fixed: bool,
     stopped: str,
+    sensitivity: str = "",
     assumptions: Iterable[str] = (),
 ) -> Verdict:
     counts = Counter(result.outcome for result in results)
@@ -448,7 +467,9 @@ def _verdict(
     else:
         kind = IntervalKind.CERTAIN
         interval = (float(succeeded), float(succeeded)) if known else (0.0, 1.0)
-        rests_on.append("no uncertainty is stated: everything is exactly as in the world, and one sample suffices")
+        rests_on.append(
+            "no uncertainty is stated: guesses are taken as true, all else is as in the world, and one sample suffices"
+        )
     rests_on += _skill_assumptions(results)
     fast = Counter(event.thing for result in results for event in result.events if event.kind is EventKind.FAST)
     rests_on += [f"in {counted(n, 'sample')} {thing} may have passed through something" for thing, n in fast.items()]
@@ -480,11 +501,45 @@ def _verdict(
             CauseCount(kind=kind, thing=thing, other=other, count=count)
             for (kind, thing, other), count in sorted(causes.items(), key=lambda item: (-item[1], str(item[0])))
         ),
+        sensitivity=sensitivity,
         assumptions=tuple(rests_on),
         plan=plan,
         results=tuple(results[:_MAX_KEPT]),
         _image=image,
     )
+
+
+_CANDIDATES = 3
+"""Number of guesses that are examined, with together as many samples as there were."""
+
+
+def _sensitivity(
+    job: Job,
+    guesses: Guesses,
+    results: Sequence[SampleResult],
+    run: Callable[[Job, Iterable[int]], Iterator[SampleResult]],
+) -> str:
+    """Which guess matters most, in words.
+
+    Those whose random numbers correlate most with success are fixed one by one: of the same samples, with the same
+    random numbers of all else, some end otherwise.
+    """
+    outcomes = {each.index: each.outcome for each in results if each.outcome is not Outcome.UNKNOWN}
+    if len(set(outcomes.values())) < 2:
+        return f"no guess matters: all {counted(len(outcomes), 'sample')} ended alike" if outcomes else ""
+    succeeded = np.array([each is Outcome.SUCCEEDED for each in outcomes.values()], dtype=float)
+    numbers = np.array([list(guesses.numbers(job.seed, index).values()) for index in outcomes])
+    influence = np.abs((succeeded - succeeded.mean()) @ (numbers - numbers.mean(axis=0))) / numbers.std(axis=0)
+    candidates = [guesses.all()[column] for column in np.argsort(-influence, kind="stable")[:_CANDIDATES].tolist()]
+    indices = list(outcomes)[: max(1, len(outcomes) // len(candidates))]
+    changed: dict[Guess, tuple[int, int]] = {}
+    for guess in candidates:
+        again = [each for each in run(replace(job, fixed_guesses=(guess,)), indices) if not each.is_interrupted]
+        changed[guess] = sum(each.outcome is not outcomes[each.index] for each in again), len(again)
+    guess, (count, tried) = max(changed.items(), key=lambda item: item[1][0])
+    if not count:
+        return f"no single guess matters: fixing one changed none of {counted(tried, 'sample')}"
+    return f"{guess} matters most of what is guessed: without its spread, {count} of {tried} samples end otherwise"
 
 
 def _skill_assumptions(results: Sequence[SampleResult]) -> Iterator[str]:

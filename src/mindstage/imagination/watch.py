@@ -4,8 +4,9 @@ The poses of all bodies are compared with reference poses, those at the start of
 them. One comparison costs a few operations on arrays, whatever the number of bodies.
 
 Thresholds: a body fell if it and its lowest point are `FALL_M` lower than in its reference pose, and tipped if its
-vertical axis has turned by `TIP_RAD`: what tips over where it stands does not fall. Bodies on joints, such as doors and drawers,
-do neither. A contact counts from `CONTACT_FORCE_N`, and a thing begins inside of another one from `OVERLAP_M`.
+vertical axis has turned by `TIP_RAD`: what tips over where it stands does not fall. Bodies on joints, such as doors
+and drawers, do neither. A contact counts from `CONTACT_FORCE_N`, and a thing begins inside of another one from
+`OVERLAP_M`.
 """
 
 from __future__ import annotations
@@ -308,7 +309,7 @@ class EventWatch:
     # -- details -----------------------------------------------------------------------------------------------------
 
     def _motion_of(self, poses: PoseArray) -> tuple[Array, Array]:
-        """How far each free body and its lowest point are below its reference, the lesser [m]; the cosine of its tilt."""
+        """How far each free body, and its lowest point, is below its reference [m], and the cosine of its tilt."""
         rows, ups = self._layout.free_rows, _body_ups(poses)
         half_sizes = self._layout.half_sizes[rows]
         drops = self._reference[rows, 2] - poses[:, 2]

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from contextvars import copy_context
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -20,7 +20,7 @@ from mindstage.access.limits import PLAN_SAMPLES
 from mindstage.access.policies import GOAL
 from mindstage.errors import InvalidArgumentError, MessageValidationError, PlanError
 from mindstage.imagination.plan_files import PlanFile
-from mindstage.imagination.plans import Check, Uncertainty
+from mindstage.imagination.plans import Check, GivenUncertainty
 from mindstage.imagination.results import Outcome
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.imagination.verdicts import Progress, Verdict, evaluate_plan
@@ -40,7 +40,6 @@ _CANCEL_GRACE_S = 0.25
 """Time for the samples to end after a cancellation [s]; the goal then ends without them."""
 _END_GRACE_S = 1.0
 """Time for the samples to end after the budget [s]; the goal then ends without them."""
-T = TypeVar("T")
 
 
 class PlanActions:
@@ -120,9 +119,7 @@ class _SupervisedTrial:
             raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path="threshold", cause=cause)
         return plan, {
             "check": _decoded("check", goal.check, Check) if goal.check else None,
-            "uncertainty": _decoded("uncertainty", goal.uncertainty, tuple[Uncertainty, ...])
-            if goal.uncertainty
-            else (),
+            "uncertainty": _decoded("uncertainty", goal.uncertainty, GivenUncertainty) if goal.uncertainty else (),
             "samples": samples,
             "seed": goal.seed,
             "threshold": goal.threshold or _DEFAULT_THRESHOLD,
@@ -169,7 +166,7 @@ def _limited(name: str, value: int, most: int, why: str) -> int:
     return value
 
 
-def _decoded(name: str, text: str, type: type[T]) -> T:
+def _decoded(name: str, text: str, type: Any) -> Any:
     try:
         return msgspec.json.decode(text, type=type)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:

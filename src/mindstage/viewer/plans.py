@@ -269,8 +269,10 @@ class PlanHandler:
         ends = {BodyId(id) for result in verdict.results for id in result.end_poses} - existing
         found: dict[BodyId, BodyAppearance] = {}
         for step in verdict.plan.steps if ends else ():
-            if isinstance(step, Place) and step.thing not in existing:
-                body = self._simulation.make_body(step.thing)
+            for thing in step.things if isinstance(step, Place) else ():
+                if thing in existing:
+                    continue
+                body = self._simulation.make_body(thing)
                 named = [id for id in ends if id.rpartition("_")[0] == local_name(body.cls)]
                 world = World(iri=body.iri, bodies=tuple(replace(body, id=id) for id in named))
                 found |= compute_appearance(world, knowledge.shape_rule, knowledge.ancestors)
