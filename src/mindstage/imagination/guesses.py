@@ -111,8 +111,8 @@ class Guesses:
                     found.setdefault(id, {})[guess.kind] = float(np.exp(guess.kind.spread * number))
         return found
 
-    def sentences(self, named: Collection[BodyId]) -> Iterator[str]:
-        """What is guessed, one sentence for each kind; those that are named are listed."""
+    def sentences(self, named: Collection[BodyId], *, only_named: bool = False) -> Iterator[str]:
+        """What is guessed, one sentence for each kind; those that are named are listed, others counted or left out."""
         for kind, ids, how in (
             (GuessKind.MASS, self.masses, "estimated from the volume"),
             (GuessKind.FRICTION, self.bodies, "that of a material, or 0.8"),
@@ -120,6 +120,6 @@ class Guesses:
         ):
             listed = [id for id in ids if id in named]
             others = counted(len(ids) - len(listed), "body")
-            about = [*listed, others] if len(ids) > len(listed) else listed
-            if ids:
+            about = [*listed, others] if len(ids) > len(listed) and not only_named else listed
+            if about:
                 yield f"the {kind} of {' and '.join(about)} is a guess: {how}"

@@ -292,7 +292,7 @@ def run_trials(
     """
     with scene.image.restore() as start:
         stated = stated_uncertainty(start)
-        guesses = Guesses.of(start).sentences(named_bodies(plan, start))
+        guesses, named = Guesses.of(start), named_bodies(plan, start)
         plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
         runner = PlanRunner(start, plan, seed=seed or 0)
     uncertain = is_uncertain(plan)
@@ -316,7 +316,8 @@ def run_trials(
         done += 1
         if is_over():
             break
-    notes = (*stated.notes, *scene.image.assumptions, *guesses)
+    about = guesses.sentences(named | found.keys(), only_named=True)
+    notes = (*stated.notes, *scene.image.assumptions, *about)
     return {id: Trials(tuple(each), seed or 0, uncertain, count - done, notes) for id, each in found.items()}
 
 
