@@ -324,17 +324,9 @@ def evaluate_plan(
     job, sensitivity = Job(image, plan, seed), ""
     trial = _Trial(limit, threshold=None if fixed or not is_uncertain(plan) else threshold)
     try:
-        results = executor.run(job, range(limit), deadline_s=deadline_s, cancel=cancel)
-        for result in results:
-            if trial.add(result):
-                progress(trial.progress())
-            if trial.is_decided:
-                break
-        close = getattr(results, "close", None)
-        if close is not None:
-            close()
+        run = partial(executor.run, deadline_s=deadline_s, cancel=cancel)
+        trial.collect(run(job, range(limit)), progress)
         if plan.guesses and trial.is_decided:
-            run = partial(executor.run, deadline_s=deadline_s, cancel=cancel)
             sensitivity = _sensitivity(job, guesses, trial.counted(), run)
     except PlanError as error:  # a step that this executor cannot run
         raise PlanError(file.place(error.place), cause=error.cause) from error
@@ -422,6 +414,17 @@ class _Trial:
                         self.stopped = f"the interval is {side} {self._threshold:g}"
         return is_complete
 
+    def collect(self, results: Iterator[SampleResult], progress: Callable[[Progress], object]) -> None:
+        """Adds results until it is decided, and ends the others."""
+        for result in results:
+            if self.add(result):
+                progress(self.progress())
+            if self.is_decided:
+                break
+        close = getattr(results, "close", None)
+        if close is not None:
+            close()
+
     def progress(self) -> Progress:
         return Progress(
             done=self._prefix,
@@ -481,7 +484,6 @@ def _verdict(
     more: int | None = 0
     if outcome is Outcome.UNKNOWN:
         more = samples_to_decide(succeeded, len(results), threshold, unknown=counts[Outcome.UNKNOWN])
-    causes = Counter(_cause_key(result.cause) for result in results if result.cause is not None)
     return Verdict(
         outcome=outcome,
         probability=succeeded / known if known else None,
@@ -497,15 +499,20 @@ def _verdict(
         stopped=stopped,
         more_samples=more,
         first_failure=next((each for each in results if each.outcome is Outcome.FAILED), None),
-        causes=tuple(
-            CauseCount(kind=kind, thing=thing, other=other, count=count)
-            for (kind, thing, other), count in sorted(causes.items(), key=lambda item: (-item[1], str(item[0])))
-        ),
+        causes=_counted_causes(results),
         sensitivity=sensitivity,
         assumptions=tuple(rests_on),
         plan=plan,
         results=tuple(results[:_MAX_KEPT]),
         _image=image,
+    )
+
+
+def _counted_causes(results: Iterable[SampleResult]) -> tuple[CauseCount, ...]:
+    causes = Counter(_cause_key(result.cause) for result in results if result.cause is not None)
+    return tuple(
+        CauseCount(kind=kind, thing=thing, other=other, count=count)
+        for (kind, thing, other), count in sorted(causes.items(), key=lambda item: (-item[1], str(item[0])))
     )
 
 

@@ -50,7 +50,10 @@ _MAX_CANDIDATES = 625
 """Approximate limit of the candidates for each orientation on one surface."""
 _CLEARANCES_M = (0.05, 0.02, 0.01, 0.004, 0.001)
 """Between bodies that are placed together, and to edges: the largest one with which they fit is taken."""
-_MAX_ORDERS, _MAX_TRIES = 24, 60
+_MAX_ORDERS = 24
+"""Number of orders in which bodies are placed together."""
+_MAX_TRIES = 60
+"""Number of places that are tried for one order."""
 _GRID_LINES = 9
 """Along each side of a surface, besides places that are flush with something."""
 _ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
