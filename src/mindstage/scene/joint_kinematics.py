@@ -34,6 +34,7 @@ __all__ = [
     "RigidGroups",
     "axis_ranges",
     "coupled_positions",
+    "drawer_front",
     "first_movable_axis",
     "front_side",
     "handles_by_body",
@@ -246,6 +247,9 @@ _CASING_OFFSET = 0.3
 """Least offset of a body from the center of its casing, as a fraction of the half extent, that shows the front."""
 _OUTSIDE_OFFSET = 0.8
 """Offset of a body from the center of its casing beyond which the casing outweighs a handle that shows otherwise."""
+_FLUSH_M, _MIN_BEHIND_M = 0.01, 0.02
+"""The end of a drawer that is in the front of its casing or before it is this close to it, and the other one farther
+than that from the back [m]."""
 _MAX_CASING_M = 2.5
 """Extent towards the front beyond which a body is a room or a building rather than a casing [m]."""
 _MIN_FURNITURE_M = 0.2
@@ -364,7 +368,23 @@ def front_side(
         return FrontSide(int(np.sign(handle_offset)), evidence)
     if by_casing:
         return FrontSide(int(np.sign(share)), "it is on that side of its casing")
-    return None
+    return None if casing is None else drawer_front(moving, casing, direction)
+
+
+def drawer_front(moving: ObservedBox, casing: ObservedBox, direction: Array) -> FrontSide | None:
+    """Returns which way along a direction a drawer faces whose one end is in the front of its casing, or before it.
+
+    Its other end is then not at the back: there is room behind a drawer.
+    """
+    half, depth = moving.half_extent_along(direction), casing.half_extent_along(direction)
+    offset = float((moving.center - casing.center) @ direction)
+    behind = depth - half + abs(offset)
+    if 2 * depth > _MAX_CASING_M or abs(offset) >= depth or behind < _MIN_BEHIND_M:
+        return None
+    if half + abs(offset) < depth - _FLUSH_M:
+        return None
+    evidence = f"its other end is {100 * behind:.0f} cm from the back of its casing"
+    return FrontSide(int(np.sign(offset)), evidence)
 
 
 class OutwardJoint(NamedTuple):
