@@ -51,7 +51,9 @@ def verbs(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 def section(name: str, verb: Any) -> Iterator[str]:
     """One verb: usage, help text, and tables of its arguments and options."""
-    arguments = [each for each in verb.params if each.param_type_name == "argument"]
+    arguments = [
+        each for each in verb.params if each.param_type_name == "argument" and not getattr(each, "hidden", False)
+    ]
     options = [each for each in verb.params if each.param_type_name == "option" and not each.hidden]
     usage = " ".join(["mindstage", name, *(metavar(each) for each in arguments), "[OPTIONS]"])
     yield from (f"## mindstage {name}", "", plain(verb.help), "", f"    {usage}", "")

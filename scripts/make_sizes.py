@@ -32,9 +32,9 @@ HEAD = """# Extras
 
 <!-- Written by scripts/make_sizes.py: change pyproject.toml instead. -->
 
-`pip install 'mindstage[robots,episodes]'` installs extras. Sizes are those of the installed files on Linux with the
-pinned versions, without Mindstage itself; an extra adds what the core does not have. Most of the core is MuJoCo, NumPy
-and SciPy, which computes paths and distances on floor plans, and convex hulls.
+In a checkout, `pip install '.[robots,episodes]'` installs extras. Sizes are those of the installed files on Linux with
+the pinned versions, without Mindstage itself; an extra adds what the core does not have. Most of the core is MuJoCo,
+NumPy and SciPy, which computes paths and distances on floor plans, and convex hulls.
 
 | extra | for | largest dependencies | adds [MB] | with the core [MB] |
 |---|---|---|---|---|

@@ -106,6 +106,10 @@ class SuiteServer:
                 self.received.append(message)
                 if cause := self.refuse(message):
                     self.log(self.error, f"{message['op']}: {cause}", message.get("id"))
+                elif message["op"] == "call_service" and message["service"].startswith("/rosapi/"):
+                    self.send(
+                        op="service_response", id=message["id"], service=message["service"], values={}, result=True
+                    )
                 elif message["op"] == "subscribe":
                     self.log(self.info, f"Subscribed to {message['topic']}")
         except ConnectionClosed:
@@ -182,8 +186,10 @@ def test_every_operation_has_the_fields_that_rosbridge_suite_accepts(
         eventually(lambda: len(suite.of("action_result")) == 2)
         goal = member.send_goal("/their_action", "x/Go", {"n": 1}, on_feedback=print)
         goal.cancel()
+        assert member.wait_advertised(TIMEOUT_S)
         member.destroy_action_server("/go")
         eventually(lambda: suite.of("cancel_action_goal") and suite.of("unadvertise_action"))
+    assert member.wait_advertised(TIMEOUT_S)
     subscription.close()
     member.unadvertise("/plain")
     member.destroy_service("/good")
@@ -216,12 +222,12 @@ def test_the_log_is_subscribed_before_anything_else(suite: SuiteServer) -> None:
 
 
 def test_a_refusal_in_the_log_is_of_the_operation_that_caused_it(suite: SuiteServer, member: RosbridgeClient) -> None:
-    suite.refuse = lambda message: "no such type" if str(message.get("type", "")).startswith("none/") else None
+    suite.refuse = lambda message: "no such type" if str(message.get("type", "")).startswith("none") else None
     seen: list[Refusal] = []
     remove = member.add_refusal_listener(seen.append)
     member.create_service("/service", "none/Service", dict)
-    member.advertise("/topic", "none/Message")
-    member.subscribe("/topic_in", print, type="none/Message")
+    member.advertise("/topic", "none_msgs/Message")
+    member.subscribe("/topic_in", print, type="none_of_these/Message")
     expected = [("advertise_service", "/service"), ("advertise", "/topic"), ("subscribe", "/topic_in")]
     eventually(lambda: [(each.operation, each.name) for each in seen] == expected)
     assert member.refusals == tuple(seen)
@@ -231,7 +237,7 @@ def test_a_refusal_in_the_log_is_of_the_operation_that_caused_it(suite: SuiteSer
     eventually(lambda: late == seen)
     remove()
     # Messages on a refused topic are not sent, since each of them would be refused.
-    member.publish("/topic", "none/Message", {})
+    member.publish("/topic", "none_msgs/Message", {})
     member.publish("/other", "std_msgs/String", {"data": "a"})
     eventually(lambda: suite.of("publish"))
     assert {each["topic"] for each in suite.of("publish")} == {"/other"}

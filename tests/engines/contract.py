@@ -26,7 +26,21 @@ import pytest
 
 from mindstage.engines import Capability, DynamicsScale, Engine, SpawnNoteKind, SpawnReport
 from mindstage.errors import AttachmentError, BodyNotFoundError, EngineClosedError, PoseUnreachableError
-from mindstage.scene import Body, BodyId, BodyPhysics, Joint, JointMimic, Material, Mobility, Pose, World, diff
+from mindstage.scene import (
+    AngularLimits,
+    AxisMotion,
+    Body,
+    BodyId,
+    BodyPhysics,
+    Joint,
+    JointMimic,
+    LinearLimits,
+    Material,
+    Mobility,
+    Pose,
+    World,
+    diff,
+)
 from mindstage.scene.edits import Attach, Delete, Detach, SetLabel, SetMaterials, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
 from tests.engines.geometries import box_shape, geometry
@@ -42,6 +56,9 @@ from tests.engines.scenes import (
     room,
     world,
 )
+
+ALL_FREE = LinearLimits(x=AxisMotion.FREE, y=AxisMotion.FREE, z=AxisMotion.FREE)
+NO_LIMITS = AngularLimits(swing1=AxisMotion.FREE, swing2=AxisMotion.FREE, twist=AxisMotion.FREE)
 
 
 def current_pose(engine: Engine, id: str) -> np.ndarray:
@@ -515,6 +532,22 @@ class PhysicsContract(DescriptionContract):
         engine.step(3.0)
         assert displacement(engine, "shelf", np.array([0.3, 0, 1.0])) < 0.001
         assert current_pose(engine, "box")[2] == pytest.approx(1.12, abs=0.005)
+
+    def test_a_joint_that_constrains_nothing_changes_nothing(self, engine: Engine) -> None:
+        """As floating joints in descriptions of robots and places, of which each thing has one to the root."""
+        table, cup = (
+            body("table", (0, 0, 0.4), (1.0, 1.0, 0.8)),
+            body("cup", (0.2, 0, 0.85), (0.1, 0.1, 0.1), "dynamic", 0.3),
+        )
+        slab = body("slab", (0, 0, 1.0), (0.5, 0.5, 0.1), "dynamic", 1.0)
+        floating = [
+            msgspec.structs.replace(fixed_joint(f"of_{id}", "table", id, (0, 0, 0)), linear=ALL_FREE, angular=NO_LIMITS)
+            for id in ("cup", "slab")
+        ]
+        engine.apply(Spawn(world(FLOOR, table, cup, slab, *floating)))
+        engine.step(2.0)
+        assert displacement(engine, "cup", np.array([0.2, 0, 0.85])) < 0.002
+        assert current_pose(engine, "slab")[2] > 0.85
 
     def test_a_joint_connects_two_dynamic_bodies(self, engine: Engine) -> None:
         engine.apply(

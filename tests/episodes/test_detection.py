@@ -20,6 +20,7 @@ from mindstage.episodes import (
     EpisodeEventKind,
     EpisodeFrame,
     EventDetector,
+    EventState,
     FrameRecording,
     Recording,
     detect_events,
@@ -166,7 +167,8 @@ def test_events_that_are_found_while_it_runs_are_those_of_the_recording() -> Non
             assert before.end_s is None
             assert event.end_s is not None
             assert (before.kind, before.begin_s, before.thing) == (event.kind, event.begin_s, event.thing)
-        last[event.id] = event
+        assert event.state is EventState.PROVISIONAL
+        last[event.id] = replace(event, state=EventState.FINAL)
     assert tuple(sorted(last.values(), key=lambda event: event.id)) == tuple(
         sorted(found(), key=lambda event: event.id)
     )

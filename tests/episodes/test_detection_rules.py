@@ -732,6 +732,61 @@ def test_a_frame_from_the_past_and_one_after_the_end_are_refused() -> None:
         detector.update(second)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_on_a_fall_without_contacts_is_no_error(seed: int, caplog: pytest.LogCaptureFixture) -> None:
+    noise = np.random.default_rng(seed)
+    places = {"box": lambda t: (0.0, 0.0, 2.0 if t < 0.5 else max(0.1, 2.0 - G / 2 * (t - 0.5) ** 2))}
+    frames = made_up(world(FLOOR, body("box", (0.0, 0.0, 2.0), BOX_SIZE)), places, 2.0)
+    for frame in frames:
+        frame.poses[1, :3] += noise.normal(0.0, 0.005, 3)
+    detect_events(FrameRecording(frames))
+    assert not caplog.records
+
+
+def _with_poses(frame: EpisodeFrame, poses: np.ndarray) -> EpisodeFrame:
+    return EpisodeFrame(time_s=frame.time_s, structure=frame.structure, ids=frame.ids, poses=poses)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda frame: _with_poses(frame, frame.poses[:2]),
+        lambda frame: _with_poses(frame, frame.poses[:, :6]),
+        lambda frame: _with_poses(frame, np.full((3, 7), "cup")),
+        lambda frame: _with_poses(frame, np.full((3, 7), 1e308)),
+        lambda frame: EpisodeFrame(
+            time_s=frame.time_s, structure=world(FLOOR), ids=frame.ids, poses=frame.poses, contacts=()
+        ),
+        lambda frame: EpisodeFrame(
+            time_s=frame.time_s,
+            structure=frame.structure,
+            ids=frame.ids,
+            poses=frame.poses,
+            contacts=(touching("box", "table", (math.nan, 0.0, 0.0), math.nan),),
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_frames_that_make_no_sense_are_a_fault_and_the_detection_goes_on(
+    spoil: Callable[[EpisodeFrame], EpisodeFrame],
+) -> None:
+    places = {"box": lambda t: (0.0, 0.0, 0.9) if t < 3.0 else (0.8, 0.0, max(0.9 - G / 2 * (t - 3.0) ** 2, 0.1))}
+    frames = made_up(world(FLOOR, TABLE, body("box", (0.0, 0.0, 0.9), BOX_SIZE)), places, 5.0)
+    frames[40:50] = [spoil(frame) for frame in frames[40:50]]
+    detector = EventDetector()
+    for frame in frames:
+        detector.update(frame)
+    detector.finish()
+    assert [event.other for event in detector.events if event.kind is K.SUPPORT][-1] == "floor"
+    supports = [event for event in detector.events if event.kind is K.SUPPORT and event.other == "table"]
+    assert all(event.end_s is not None for event in supports)
+    for fault in detector.faults:
+        assert frames[38].time_s <= fault.begin_s <= fault.end_s <= frames[51].time_s
+        assert fault.cause
+    if detector.faults:
+        assert any("failed" in " ".join(event.evidence) for event in supports)
+
+
 def test_a_recording_without_movable_bodies_has_no_events() -> None:
     assert events_of(made_up(world(FLOOR, TABLE), {}, 1.0)) == []
     assert EventDetector().finish() == ()

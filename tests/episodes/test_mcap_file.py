@@ -28,6 +28,7 @@ TRUTH: dict[float, World] = {}
 EARLIER: dict[float, list[World]] = {}
 """All worlds at each time: edits are recorded when they are made."""
 EDITS: list[tuple[float, str]] = []
+EVENTS: set[str] = set()
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         TRUTH.update({frame.time_s: frame.world() for frame in episode.frames()})
         for frame in episode.frames():
             EARLIER.setdefault(frame.time_s, []).append(frame.world())
+        EVENTS.update(event.id for event in episode.events())
         EDITS.extend((edit.time_s, edit.kind) for edit in episode.edits())
         assert len(episode._file.chunks) > 20
         assert episode.losses == ()
@@ -121,6 +123,65 @@ def test_a_file_with_flipped_bits_gives_true_states_or_an_error(whole: Path, tmp
     path = damaged(whole, tmp_path, flip)
     with suppress(EpisodeError):  # any other exception is a failure
         check_against_truth(path)
+
+
+def check_losses(path: Path) -> float:
+    """What is listed as lost is not readable, and all else is, and true; returns the time that is lost [s]."""
+    with Episode(path) as episode:
+        times = sorted(TRUTH)
+        intervals = [
+            (0.0 if loss.begin_s is None else loss.begin_s, times[-1] if loss.end_s is None else loss.end_s)
+            for loss in episode.losses
+            if (loss.begin_s, loss.end_s) != (None, None)
+        ]
+        assert intervals == sorted(intervals)
+        for at in np.arange(0.0, times[-1], 0.011).tolist():
+            if any(at == begin for begin, _ in intervals):  # later frames of the same time may be lost
+                continue
+            is_lost = any(begin < at < end for begin, end in intervals) or at < episode.begin_s
+            try:
+                found = episode.frame_at(at).world()
+            except (EpisodeTimeError, EpisodeFileError):
+                assert is_lost, (at, intervals)
+            else:
+                assert not is_lost, (at, intervals)
+                assert found == TRUTH[max(each for each in times if each <= at)], at
+        causes = " ".join(loss.cause for loss in episode.losses)
+        for name, read in (("knowledge", episode.knowledge), ("geometry", lambda: episode.geometry)):
+            if name not in causes:
+                read()
+        assert not {event.id for event in episode.events()} - EVENTS
+        return sum(end - begin for begin, end in intervals)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_flipped_bit_loses_one_chunk_at_most_and_says_exactly_which(whole: Path, tmp_path: Path, seed: int) -> None:
+    generator = random.Random(1000 + seed)
+
+    def flip(data: bytearray) -> None:
+        data[generator.randrange(len(data))] ^= 1 << generator.randrange(8)
+
+    path = damaged(whole, tmp_path, flip)
+    with Episode(whole) as episode:
+        ends = [episode.frame_at(chunk.end_ns / 1e9).time_s for chunk in episode._file.chunks]
+    longest = max(np.diff([0.0, *ends])) + 2 / 30
+    assert check_losses(path) <= longest
+
+
+@pytest.mark.parametrize(
+    "numbers", [[0], [1], [0, 1], [5, 6], [8, 9, 10], [-1], [-2, -1], list(range(0, 20, 2))], ids=str
+)
+def test_what_depends_on_lost_chunks_is_listed_too(whole: Path, tmp_path: Path, numbers: list[int]) -> None:
+    ranges = chunk_ranges(whole)
+
+    def flip(data: bytearray) -> None:
+        for number in numbers:
+            data[sum(ranges[number]) // 2] ^= 1
+
+    path = damaged(whole, tmp_path, flip)
+    check_losses(path)
+    with Episode(path) as episode:
+        assert any("lost" in loss.cause for loss in episode.losses)
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -205,12 +266,19 @@ def test_chunks_of_another_episode_are_not_mixed_in(whole: Path, tmp_path: Path)
 
 def test_a_damaged_attachment_is_reported_and_never_used(whole: Path, tmp_path: Path) -> None:
     with Episode(whole) as episode:
-        offset, end = episode._file._attachments["knowledge.msgpack.zst"]
+        copies = episode._file._attachments["knowledge.msgpack.zst"]
+        knowledge = episode.knowledge().to_bytes()
+    assert len(copies) > 1
 
-    def flip(data: bytearray) -> None:
-        data[(offset + end) // 2] ^= 1
+    def flip(data: bytearray, count: int) -> None:
+        for offset, end in copies[:count]:
+            data[(offset + end) // 2] ^= 1
 
-    path = damaged(whole, tmp_path, flip)
+    path = damaged(whole, tmp_path, lambda data: flip(data, 1))
+    with Episode(path) as episode:
+        assert episode.losses == ()
+        assert episode.knowledge().to_bytes() == knowledge
+    path = damaged(whole, tmp_path, lambda data: flip(data, len(copies)))
     check_against_truth(path)
     with Episode(path) as episode:
         with pytest.raises(EpisodeFileError, match="knowledge"):

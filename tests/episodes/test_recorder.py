@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from rosbags.highlevel import AnyReader
 
 from mindstage.engines import make_engine
 from mindstage.engines.base import Engine
+from mindstage.episodes import recorder as recorder_module
+from mindstage.episodes import tracking
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import Recorder, RecordingFolder
@@ -443,6 +446,57 @@ def test_a_full_disk_stops_the_recording_and_not_the_simulation(
     simulation.step(0.1)
     with pytest.raises(EpisodeFileError, match="No space left"):
         recorder.stop()
+
+
+def test_a_fault_in_the_detection_of_events_is_shown_at_once_and_nothing_else_is_lost(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = tracking.MotionTracker.sample
+
+    def fail(self: tracking.MotionTracker, time_s: float, *args: Any) -> Any:
+        if 0.9 < time_s < 1.1:
+            raise IndexError("a planted bug")
+        return sample(self, time_s, *args)
+
+    monkeypatch.setattr(tracking.MotionTracker, "sample", fail)
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        simulation.step(0.5)
+        assert recorder.error is None
+        simulation.step(1.0)
+        recorder.flush()
+        assert "a planted bug" in str(recorder.error)
+        with Episode(tmp_path / "run.mcap") as episode:  # as if the process were killed now
+            assert len(episode.faults()) == 1
+        simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.5, 1.0))})), edits=True)
+        simulation.step(2.0)
+        assert recorder.recording
+    assert "a planted bug" in str(recorder.error)
+    with Episode(tmp_path / "run.mcap") as episode:
+        times = [frame.time_s for frame in episode.frames()]
+        assert (times[0], times[-1]) == (0.0, pytest.approx(3.5))
+        assert np.diff(times).max() < 0.05
+        (fault,) = episode.faults()
+        assert "a planted bug" in fault
+        assert "0.9" in fault
+        assert any(event.kind is EpisodeEventKind.FALL and event.begin_s > 1.4 for event in episode.events())
+
+
+def test_what_cannot_be_attached_is_a_fault_and_the_states_are_recorded(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: Any, **__: Any) -> Any:
+        raise KeyError("a planted bug")
+
+    monkeypatch.setattr(recorder_module, "write_map", fail)
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        simulation.step(1.0)
+    assert "a planted bug" in str(recorder.error)
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(1.0)
+        assert all("a planted bug" in fault for fault in episode.faults())
+        assert len(episode.faults()) == 2
+        with pytest.raises(EpisodeFileError, match="the map at the end is not in the file"):
+            _ = episode.map_at_end
 
 
 KILLED = """

@@ -74,6 +74,23 @@ def test_what_people_carry_is_loose_if_it_stands_on_something(tmp_path: Path) ->
     assert "4 bodies near, sunk, inside, stacked" in assumption.evidence
 
 
+def test_what_is_in_a_cupboard_is_loose_at_any_height_and_in_a_drawer_on_its_bottom_board(tmp_path: Path) -> None:
+    knowledge = read(
+        tmp_path,
+        body("cupboard", "Cupboard", (0.0, 0.0, 1.0), (0.6, 0.5, 2.0)),
+        body("drawer", "Drawer", (2.0, 0.0, 0.5), (0.5, 0.5, 0.15)),
+        body("block", "Wall", (4.0, 0.0, 1.0), (0.6, 0.5, 2.0)),
+        cup("shelved", 0.0, 1.2),
+        cup("half", 0.3, 1.2),
+        cup("in_drawer", 2.0, 0.425 + 0.03),
+        cup("walled", 4.0, 1.2),
+    )
+    found = mobilities(knowledge)
+    assert {id for id, each in found.items() if each is Mobility.DYNAMIC} == {"shelved", "in_drawer"}
+    reported = {each.individual for each in knowledge.findings() if "nothing is within 20 mm below it" in each.problem}
+    assert reported == {MAP + id for id in ("half", "walled")}
+
+
 def test_an_attached_cup_stays_with_its_parent(tmp_path: Path) -> None:
     assert mobilities(read(tmp_path, TABLE, cup("cup", 0.0, 0.7), attached="cup"))["cup"] is None
 

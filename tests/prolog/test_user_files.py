@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -214,6 +215,20 @@ def test_packages_beside_the_file_are_registered_and_loaded_once(console: Prolog
     assert load(console, tmp_path, text) == 0
     assert values(console, "mine(X)") == [1]
     assert console.holds("rospack_package_path(other_pkg, _) ; true")
+
+
+def test_folders_with_any_names_may_lie_beside_a_package(kitchen: PrologConsole, tmp_path: Path) -> None:
+    for name in (b"\xff\xfe", b"a\nb", b"*", b"[", b"{b", "\N{GRINNING FACE}".encode(), b".hidden"):
+        (Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + name)) / "strange" / "prolog").mkdir(parents=True)
+        (Path(os.fsdecode(os.fsencode(tmp_path) + b"/stack/" + name)) / "prolog").mkdir(parents=True)
+    for package in ("stack/beside", "[stack]/further", "{b/last"):
+        name = package.rpartition("/")[2]
+        rules = f":- module({name}_rules, [{name}/1]).\n{name}(1).\n"
+        load(kitchen, tmp_path, rules, f"{package}/prolog/{name}_rules.pl")
+    uses = "".join(f":- use_module(library({name}_rules)).\n" for name in ("beside", "further", "last"))
+    text = uses + "all(1) :- beside(1), further(1), last(1).\n"
+    assert load(kitchen, tmp_path, text, "stack/pkg/prolog/rules.pl") == 0
+    assert kitchen.holds("all(1)")
 
 
 def test_a_package_that_is_not_found_is_a_warning(

@@ -257,6 +257,29 @@ def test_a_gripper_closes_and_opens(robot_client: RobotClient) -> None:
     assert result["position"] == pytest.approx(0.09, abs=0.003)
 
 
+def test_a_refused_actionlib_goal_is_never_active_and_does_not_say_successful(robot_client: RobotClient) -> None:
+    def send(action: str, type: str, id: str, goal: dict[str, Any]) -> tuple[list[int], dict[str, Any]]:
+        """The states of a goal in the topic of states and of its result, and the result."""
+        states = robot_client.subscribe(f"{action}/status", "actionlib_msgs/GoalStatusArray")
+        results = robot_client.subscribe(f"{action}/result", f"{type}ActionResult")
+        robot_client.wait_for(f"{action}/status", 1, "actionlib_msgs/GoalStatusArray")
+        robot_client.publish(f"{action}/goal", f"{type}ActionGoal", {"goal_id": {"id": id}, "goal": goal})
+        eventually(lambda: any(each["status"]["goal_id"]["id"] == id for each in results))
+        (result,) = (each for each in results if each["status"]["goal_id"]["id"] == id)
+        seen = [one["status"] for each in states for one in each["status_list"] if one["goal_id"]["id"] == id]
+        return [*seen, result["status"]["status"]], result["result"]
+
+    too_wide = {"command": {"position": 0.5, "max_effort": 0.0}}
+    states, _ = send("gripper_controller/gripper_cmd", "control_msgs/GripperCommand", "wide", too_wide)
+    assert set(states) <= {0, 5}
+    assert states[-1] == 5
+    follow = "arm_controller/follow_joint_trajectory"
+    states, result = send(follow, TYPE, "malformed", {"trajectory": {"joint_names": 7}})
+    assert states == [5]
+    assert result["error_code"] == -1
+    assert "joint_names" in result["error_string"]
+
+
 def test_a_head_points_its_camera_to_a_frame(robot_client: RobotClient) -> None:
     goal = {
         "target": {"header": {"frame_id": "Mug"}, "point": {"x": 0.0, "y": 0.0, "z": 0.0}},

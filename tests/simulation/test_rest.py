@@ -15,9 +15,11 @@ from mindstage.api import load_knowledge
 from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.maps import bundled_kitchen
+from mindstage.maps import UnitConventions, bundled_kitchen
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation
+from tests.engines.scenes import body, world
+from tests.maps.logged_maps import LoggedBody, logged_map
 from tests.semlog_maps import Actor, semlog_map
 
 MAPS = ("ameva-task-two", "iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "soma-iai-room")
@@ -298,3 +300,22 @@ def test_nothing_moves_in_the_sample_maps_for_ten_seconds(name: str, shared_data
         assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
         assert not report.ids_with_note(SpawnNoteKind.SETTLED)
         assert max(drift(simulation, 10.0).values()) < 1e-3
+
+
+def test_the_ground_is_not_below_bodies_whose_mesh_may_have_its_origin_elsewhere(tmp_path: Path) -> None:
+    """Both sides of the wide handles fit equally well, which is a finding; else the ground would be below them."""
+    rows = [(f"door{n}", f"handle{n}", n - 1.5) for n in range(4)]
+    doors = [LoggedBody(door, "Door", (0.004, 0.6, 0.9), (0.0, y, 1.0)) for door, _, y in rows]
+    handles = [LoggedBody(id, "Handle", (0.4, 0.2, 0.03), (0.0, y, 0.5), parent=door) for door, id, y in rows]
+    plate = LoggedBody("plate", "BasePlate", (0.3, 0.3, 0.1), (0.0, 3.0, 0.7))
+    (tmp_path / "doors.ttl").write_text(logged_map([*doors, *handles, plate]), encoding="utf-8")
+    knowledge = KnowledgeBase()
+    knowledge.load(tmp_path / "doors.ttl", conventions=UnitConventions(sizes=None))
+    crate = body("crate", (0.9, 0.0, 1.5), (0.2, 0.2, 0.2), "dynamic", 1.0)
+    with closing(Simulation(knowledge, MujocoEngine())) as simulation:
+        simulation.spawn()
+        assert any("equally well" in each.problem for each in knowledge.findings())
+        (note,) = [each for each in simulation.spawn(world(crate)).notes if each.kind is SpawnNoteKind.GROUND]
+        assert "0.650 m" in note.text
+        simulation.step(2.0)
+        assert float(simulation.state.poses[-1][2]) == pytest.approx(0.75, abs=1e-3)

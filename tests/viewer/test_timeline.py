@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.episodes import EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeFrame, FrameRecording, tracking
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError
@@ -211,6 +211,14 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    sample = tracking.MotionTracker.sample
+
+    def fail(self: tracking.MotionTracker, time_s: float, *args: Any) -> Any:
+        if time_s > 0.3:
+            raise IndexError("a planted bug")
+        return sample(self, time_s, *args)
+
+    monkeypatch.setattr(tracking.MotionTracker, "sample", fail)
     with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(World(iri=kitchenette().iri, name="Ann's  kitchen / 2", bodies=kitchenette().bodies))
         with (
@@ -222,9 +230,12 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
                 client.ask("recording.stop")
             name = client.ask("recording.start")
             wait_until(lambda: (other.latest_value("recording") or {}).get("path") == name, "others see it")
-            sim.step(2.0)
+            sim.step(1.6)
             wait_until(lambda: other.latest_value("recording")["time_s"] == 2, "and for how long")
             assert not other.latest_value("recording")["failed"]
+            sim.step(0.4)  # a frame is searched for events when the next one has come
+            wait_until(lambda: "a planted bug" in (other.latest_value("recording")["fault"] or ""), "a fault is shown")
+            assert str(tmp_path) not in other.latest_value("recording")["fault"]
             sim.edits.delete([MUG])
             stopped = other.ask("recording.stop")
             wait_until(lambda: client.latest_value("recording")["path"] is None, "it has ended")

@@ -422,7 +422,8 @@ class HandlerDispatcher:
         elif (refusal := self.refusal(EntryKind.ACTION, name, request.args, caller)) is not None:
             cause = str(refusal)
         if handler is None or cause:
-            self._send(_goal_error_result(request, id, cause or f"Action {request.action} does not exist"))
+            error = BridgeError(cause or f"Action {request.action} does not exist")
+            self._send(_goal_error_result(request, id, error))
             return
         goal = self._goals[id] = ServerGoalHandle(request.action, id, None, self._feedback_sender(request))
         if iscoroutinefunction(handler):
@@ -531,7 +532,7 @@ class HandlerDispatcher:
             goal.args = _decode_arguments(request.action, request.args)
             result = _goal_result(request, goal.id, handler(goal))
         except Exception as error:
-            result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
+            result = _goal_error_result(request, goal.id, error)
         self._loop.call_soon(self._send_result, result)
 
     async def _run_goal_async(self, handler: ActionHandler, request: SendActionGoal, goal: ServerGoalHandle) -> None:
@@ -539,7 +540,7 @@ class HandlerDispatcher:
             goal.args = _decode_arguments(request.action, request.args)
             result = _goal_result(request, goal.id, await _await_if_needed(handler(goal)))
         except Exception as error:
-            result = _goal_error_result(request, goal.id, _error_reply(request.action, error))
+            result = _goal_error_result(request, goal.id, error)
         self._send_result(result)
 
     def _send_result(self, result: ActionResult) -> None:
@@ -589,19 +590,23 @@ def _error_reply(name: str, error: Exception) -> str:
     return without_paths(f"{name} failed: {type(error).__name__}: {error}")
 
 
-def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:
-    text = _error_reply(call.service, error)
+def _error_values(name: str, error: Exception) -> tuple[msgspec.Raw, str | None]:
+    """The values of a failed call or goal and the reason: the failure of its type with a reason, or the text alone."""
+    text = _error_reply(name, error)
     if isinstance(error, FailureResponseError):
-        values, reason = encode_values(error.response), text
-    else:
-        values, reason = encode_values(text), None
+        return encode_values(error.response), text
+    return encode_values(text), None
+
+
+def _call_error_response(call: CallService, error: Exception) -> ServiceResponse:
+    values, reason = _error_values(call.service, error)
     return ServiceResponse(id=call.id, service=call.service, values=values, result=False, reason=reason)
 
 
-def _goal_error_result(request: SendActionGoal, id: Id, reason: str) -> ActionResult:
-    return ActionResult(
-        id=id, action=request.action, values=encode_values(reason), status=GoalStatus.ABORTED, result=False
-    )
+def _goal_error_result(request: SendActionGoal, id: Id, error: Exception) -> ActionResult:
+    values, reason = _error_values(request.action, error)
+    status = GoalStatus.ABORTED
+    return ActionResult(id=id, action=request.action, values=values, status=status, result=False, reason=reason)
 
 
 def _goal_result(request: SendActionGoal, id: Id, outcome: object) -> ActionResult:

@@ -5,7 +5,8 @@ When the connection is lost, all pending calls and goals fail at once with `Conn
 What the server refuses is kept as a `Refusal`. Mindstage's own server sends a `status` message about it. The servers of
 rosbridge_suite only log it, in both branches (`Protocol.log` in `rosbridge_library/protocol.py`), and every ROS log is
 published on `/rosout`; so the client subscribes to that topic before anything else, and each operation has an id, which
-the log repeats. They accept only objects as the `values` of a response and ignore `result` (`service_response.py`,
+the log repeats. A server that is not Mindstage's has only the types of packages that it finds (`paced_advertising`).
+Those of rosbridge_suite accept only objects as the `values` of a response and ignore `result` (`service_response.py`,
 `action_result.py`); an error is therefore sent as the type's own failure or as an empty object, beside a `reason`.
 """
 
@@ -17,21 +18,24 @@ import random
 import re
 import secrets
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from ssl import SSLCertVerificationError, SSLError
+from typing import Any
 
 import msgspec
 from websockets.asyncio.client import connect
 from websockets.exceptions import InvalidStatus, InvalidURI, WebSocketException
 
 from mindstage.access.certificates import client_tls_context
-from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, BridgeLimits, Timeout
+from mindstage.access.limits import DEFAULT_BRIDGE_LIMITS, LOOP_TIME, BridgeLimits, Timeout
 from mindstage.bridge.broker import resolve_name
+from mindstage.bridge.calls import encode_values
 from mindstage.bridge.node import MessageSender, Node
+from mindstage.bridge.paced_advertising import ADVERTISEMENT_BATCH, PacedAdvertising, package_of
 from mindstage.bridge.protocol import (
     ActionResult,
     Advertise,
@@ -49,7 +53,7 @@ from mindstage.bridge.protocol import (
     Unsubscribe,
     content,
 )
-from mindstage.bridge.server import Connection
+from mindstage.bridge.server import SERVER_NAME, Connection
 from mindstage.errors import (
     AuthenticationError,
     BridgeError,
@@ -67,9 +71,15 @@ _OPEN_TIMEOUT_S = 10.0
 _PING_INTERVAL_S = 10.0
 _AUTH_ERROR_CODES = (401, 403)
 _LOG_TOPIC = "/rosout"
+_CLOCK_SERVICE = "/rosapi/get_time"
 _LOG_TIMEOUT_S = 1.0
 """Longest time for which operations wait for the server's log, so that no refusal is missed [s]."""
 _LOG_INTERVAL_S = 0.1
+_PACE_S = 0.1
+"""Time after a batch of advertisements at a server without rosapi, whose answer would end it [s]."""
+_ROUND_TRIP_TIMEOUT_S = 5.0
+_TRY_AGAIN_LATER = 1013
+"""Code with which a server closes a connection because too much is waiting, in RFC 6455's registry."""
 _LOGGING_SERVERS = ("AutobahnPython", "TornadoServer")
 """Names of the websocket servers of rosbridge_suite, in the header `Server` of the handshake."""
 _SEVERE_LEVELS = frozenset({4, 8, 16, 30, 40, 50})
@@ -93,6 +103,8 @@ class Refusal:
     """Name of the topic, service or action."""
     cause: str
     """The server's message."""
+    package: str = ""
+    """The package of ROS that the server lacks, if that is the reason; all that needs it is left out."""
 
     def __str__(self) -> str:
         return f"{self.operation} {self.name}: {self.cause}"
@@ -179,7 +191,13 @@ class RosbridgeClient(Node):
         self._answered_again: set[Id] = set()
         self._log_opened: asyncio.Event | None = None
         self.is_rosbridge_suite = False
-        """Whether the server is rosbridge_suite's, which needs ROS and its types; known once it is connected."""
+        """Whether the server is rosbridge_suite's; known once it is connected."""
+        self.needs_packages = False
+        """Whether the server is one of ROS, which has only the types of packages that it finds; likewise."""
+        self.has_rosapi: bool | None = None
+        """Whether the server answers the services of rosapi; None until it is known."""
+        self._batch = ADVERTISEMENT_BATCH
+        self._pacing: PacedAdvertising | None = None
         self._connection: Connection | None = None
         self._first_attempt_done = threading.Event()
         self._cause: BridgeError = ConnectionLostError(url, cause="not connected yet")
@@ -235,6 +253,28 @@ class RosbridgeClient(Node):
             raise self._cause
         return self
 
+    @checked
+    def wait_advertised(self, timeout_s: Timeout = 30.0) -> bool:
+        """Waits until the server has handled all advertisements and subscriptions so far.
+
+        Returns:
+            Whether it has; False after the time, or without a connection.
+        """
+        self._require_other_thread("wait_advertised")
+
+        async def wait() -> bool:
+            pacing = self._pacing
+            if pacing is None:
+                return self.connected
+            try:
+                async with asyncio.timeout(timeout_s):
+                    await pacing.is_idle.wait()
+            except TimeoutError:
+                return False
+            return self._pacing is pacing
+
+        return self._loop.run(wait(), timeout_s=timeout_s + LOOP_TIME.maximum)
+
     def has_subscribers(self, topic: str) -> bool:
         """Whether a message might be received; the subscribers at the server are unknown, so it is `connected`."""
         return self.connected and ("advertise", resolve_name(topic)) not in self._refusals
@@ -263,8 +303,10 @@ class RosbridgeClient(Node):
         while not self.closed:
             start_s = self._loop.loop.time()
             try:
-                await self._run_connection()
-                if self._loop.loop.time() - start_s > delay_s:  # not closed right after the handshake
+                code = await self._run_connection()
+                if code == _TRY_AGAIN_LATER:
+                    self._batch = max(1, self._batch // 2)
+                elif self._loop.loop.time() - start_s > delay_s:  # not closed right after the handshake
                     delay_s = _MIN_RECONNECT_DELAY_S
             except (OSError, WebSocketException, TimeoutError) as error:
                 self._cause = _connection_error(self.url, error)
@@ -279,8 +321,8 @@ class RosbridgeClient(Node):
             await asyncio.sleep(delay_s * random.uniform(0.5, 1.0))
             delay_s = min(2.0 * delay_s, self._max_reconnect_delay_s)
 
-    async def _run_connection(self) -> None:
-        """Connects, and returns when the connection has ended."""
+    async def _run_connection(self) -> int | None:
+        """Connects, and returns the code of the close when the connection has ended."""
         # Sent without a token too, so that a server that needs one rejects the handshake instead of waiting for `auth`.
         headers = {"Authorization": f"Bearer {self._token or ''}"}
         socket = await connect(
@@ -304,20 +346,36 @@ class RosbridgeClient(Node):
         self._refusals.clear()
         self._answered_again.clear()
         running = asyncio.ensure_future(connection.run())
+        advertising: asyncio.Future[None] | None = None
         try:
             server = socket.response.headers.get("Server", "") if socket.response else ""
             self.is_rosbridge_suite = server.startswith(_LOGGING_SERVERS)
             if self.is_rosbridge_suite:
                 await self._open_log(connection, running)
             self._connection = connection
-            for operation in self._advertise_operations():
-                connection.send(MessageEncoder(self._prepared(operation)))
+            self.needs_packages = server != SERVER_NAME
+            if self.needs_packages:
+                self._pacing = PacedAdvertising(
+                    self._send_now, self._round_trip, self._leave_out, self._send_if_possible, batch=self._batch
+                )
+                advertising = asyncio.ensure_future(self._pacing.run())
+            for key, operation in self._advertisements.items():
+                self._send_advertisement(key, operation)
             self._set_state(ConnectionState.CONNECTED)
             self._first_attempt_done.set()
+            if advertising is not None:
+                await asyncio.wait((running, advertising), return_when=asyncio.FIRST_COMPLETED)
+                if advertising.done():
+                    await advertising  # raises its error
             await running
+            return socket.close_code
         finally:
             running.cancel()
-            self._connection = None
+            if advertising is not None:
+                advertising.cancel()
+            if self._pacing is not None:
+                self._pacing.is_idle.set()  # nobody waits for this connection any longer
+            self._connection, self._pacing, self.has_rosapi = None, None, None
             self._cause = ConnectionLostError(self.url, cause=connection.close_reason)
             if not self.closed:
                 self._first_attempt_done.clear()
@@ -355,28 +413,82 @@ class RosbridgeClient(Node):
             except Exception:
                 _log.exception("the state handler failed")
 
+    # -- advertisements ------------------------------------------------------------------------------------------------
+
+    def _advertise(self, key: Hashable, operation: Operation) -> None:
+        self._advertisements[key] = operation
+        if self._connection is not None:
+            self._send_advertisement(key, operation)
+
+    def _unadvertise(self, key: Hashable, operation: Operation) -> None:
+        advertised = self._advertisements.pop(key, None)
+        if advertised is None or _key(advertised) in self._refusals:
+            return
+        if self._pacing is None:
+            self._send_if_possible(operation)
+        else:
+            self._pacing.withdraw(key, operation)
+
+    def _send_advertisement(self, key: Hashable, operation: Operation) -> None:
+        if self._pacing is None:
+            self._send_now(operation)
+        else:
+            self._pacing.add(key, operation)
+
+    async def _round_trip(self) -> None:
+        """Returns when the server has handled what was sent before, as far as that can be known."""
+        if self.has_rosapi is not False:
+            answer: Future[Any] = Future()
+            self._pending_calls.call_service(_CLOCK_SERVICE, encode_values({}), _ROUND_TRIP_TIMEOUT_S, answer)
+            try:
+                await asyncio.wrap_future(answer)
+                self.has_rosapi = True
+            except BridgeError as error:
+                _log.info("%s has no rosapi: %s", self.url, error)
+                self.has_rosapi = False
+        if self.has_rosapi is False or self.is_rosbridge_suite:  # which logs refusals, beside the answer
+            await asyncio.sleep(_PACE_S)
+
+    def _leave_out(self, operation: Operation, package: str) -> None:
+        operation_tag, name = _key(operation)
+        cause = f"the server lacks the package {package}"
+        self._refusals[operation_tag, name] = Refusal(operation=operation_tag, name=name, cause=cause, package=package)
+
     def _send(self, operation: Operation) -> None:
         if self._connection is None:
             raise self._cause
-        if isinstance(operation, Publish) and ("advertise", resolve_name(operation.topic)) in self._refusals:
-            return  # each message would be refused and logged again
-        self._connection.send(MessageEncoder(self._prepared(operation)))
+        if isinstance(operation, Publish):
+            if ("advertise", resolve_name(operation.topic)) in self._refusals:
+                return  # each message would be refused and logged again
+            if self._pacing is not None and self._pacing.hold(operation):
+                return
+        self._send_now(operation)
+
+    def _send_now(self, operation: Operation) -> None:
+        if self._connection is not None:
+            self._connection.send(MessageEncoder(self._prepared(operation)))
 
     def _prepared(self, operation: Operation) -> Operation:
         """Returns an operation as the servers of rosbridge_suite accept it, with an id that its refusal repeats."""
         match operation:
             case ServiceResponse(result=False) | ActionResult(result=False):
                 return _with_object(operation)
-            case Advertise(id=None) | Publish(id=None):
+            case Publish(id=None):
+                latch = True if self._is_latched(operation.topic) else operation.latch
+                return self._with_id(msgspec.structs.replace(operation, latch=latch), operation.topic)
+            case Advertise(id=None):
                 return self._with_id(operation, operation.topic)
-            case AdvertiseService(id=None):
-                return self._with_id(operation, operation.service)
-            case AdvertiseAction(id=None):
-                return self._with_id(operation, operation.action)
+            case AdvertiseService(id=None, service=name) | AdvertiseAction(id=None, action=name):
+                return self._with_id(operation, name)
             case Subscribe() | Unsubscribe() if operation.id is not None:
                 return msgspec.structs.replace(operation, id=f"{operation.id}:{self._session}")
             case _:
                 return operation
+
+    def _is_latched(self, topic: str) -> bool:
+        """Whether later subscribers receive its last message, which rosbridge_suite wants to hear with each message."""
+        known = self._advertisements.get(("topic", resolve_name(topic)))
+        return isinstance(known, Advertise) and known.latch
 
     def _with_id(self, operation: Operation, name: str) -> Operation:
         return msgspec.structs.replace(operation, id=f"{_tag(operation)}:{name}:{self._session}")
@@ -412,7 +524,7 @@ class RosbridgeClient(Node):
         tag, _, rest = id.partition(":")
         name = rest.partition(":")[0]
         if id.endswith(f":{self._session}"):
-            self._refuse(Refusal(operation=tag, name=resolve_name(name), cause=cause))
+            self._refuse_advertisement(tag, resolve_name(name), cause)
         elif tag in _REQUEST_IDS and self._provides(name):
             self._refuse(Refusal(operation=_REQUEST_IDS[tag], name=resolve_name(name), cause=cause))
             self._answer_again(id, tag, name)
@@ -423,11 +535,19 @@ class RosbridgeClient(Node):
             return not answered and self._pending_calls.fail(id, ServiceCallError(name, cause=cause))
         return True
 
+    def _refuse_advertisement(self, tag: str, name: str, cause: str) -> None:
+        package = ""
+        if self._pacing is not None and (tag, name) not in self._refusals:
+            refused = next((each for each in self._advertisements.values() if _key(each) == (tag, name)), None)
+            if refused is not None and self._pacing.on_refusal(refused, cause):
+                package = package_of(refused)
+        self._refuse(Refusal(operation=tag, name=name, cause=cause, package=package))
+
     def _refuse_name(self, name: str, cause: str) -> None:
         for operation in self._advertisements.values():
-            named = getattr(operation, "topic", None) or getattr(operation, "service", None)
-            if named is not None and resolve_name(named) == resolve_name(name):
-                self._refuse(Refusal(operation=_tag(operation), name=resolve_name(name), cause=cause))
+            tag, named = _key(operation)
+            if named == resolve_name(name):
+                self._refuse(Refusal(operation=tag, name=named, cause=cause))
 
     def _refuse(self, refusal: Refusal) -> None:
         key = (refusal.operation, refusal.name)
@@ -470,10 +590,11 @@ class RosbridgeClient(Node):
             self._send_if_possible(answer)
 
     def _on_status(self, status: Status) -> None:
-        if status.level in {StatusLevel.ERROR, StatusLevel.WARNING} and status.id is not None:
-            self._refuse_id(str(status.id), status.msg)
+        is_severe = status.level in {StatusLevel.ERROR, StatusLevel.WARNING} and status.id is not None
+        is_refusal = is_severe and self._refuse_id(str(status.id), status.msg)
         if self._status_callback is None:
-            super()._on_status(status)
+            if not is_refusal:  # which is logged, or handled by its own callback
+                super()._on_status(status)
             return
         try:
             self._status_callback(status)
@@ -483,6 +604,12 @@ class RosbridgeClient(Node):
 
 def _tag(operation: Operation) -> str:
     return str(operation.__struct_config__.tag)
+
+
+def _key(operation: Operation) -> tuple[str, str]:
+    """The operation and the name of what it advertises or subscribes to, as in a `Refusal`."""
+    names = (getattr(operation, field, None) for field in ("topic", "service", "action"))
+    return _tag(operation), resolve_name(next(filter(None, names), ""))
 
 
 def _with_object(response: ServiceResponse | ActionResult) -> ServiceResponse | ActionResult:

@@ -451,9 +451,6 @@ class Node:
             case _:
                 _log.debug("%s is not valid here", type(operation).__name__)
 
-    def _advertise_operations(self) -> Iterator[Operation]:
-        yield from self._advertisements.values()
-
     def _advertise(self, key: Hashable, operation: Operation) -> None:
         self._send_if_possible(operation)
         self._advertisements[key] = operation

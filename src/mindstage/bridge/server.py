@@ -263,6 +263,8 @@ def _close_message(code: int | None, reason: str | None) -> str:
     )
 
 
+SERVER_NAME = "Mindstage"
+"""In the header `Server` of the handshake, so that clients know that they may use any type."""
 _handshake_log = logging.getLogger("mindstage.bridge.handshakes")
 _handshake_log.addHandler(logging.NullHandler())  # failed handshakes are logged only if logging is configured
 _client_numbers = count(1)
@@ -438,7 +440,7 @@ class RosbridgeServer:
             ping_interval=self._ping_interval_s,
             ping_timeout=self._ping_interval_s,
             close_timeout=2.0,
-            server_header=None,
+            server_header=SERVER_NAME,
             logger=_handshake_log,
         )
 

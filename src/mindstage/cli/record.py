@@ -108,10 +108,14 @@ def record(
             with progress_spinner("writing"):  # the last frames, and the events that the whole recording shows
                 ending.close()
         seconds, frames, size = recorder.time_s, recorder.frames, out.stat().st_size
+        fault = None if recorder.error is None else str(recorder.error)
         if as_json:
-            print_json({"file": str(out), "seconds": seconds, "frames": frames, "bytes": size} | spawned.to_json())
+            written = {"file": str(out), "seconds": seconds, "frames": frames, "bytes": size, "fault": fault}
+            print_json(written | spawned.to_json())
         else:
             print_line(f"{out}: {seconds:.2f} s, {frames:,} frames, {size:,} bytes")
+            if fault is not None:
+                print_line(f"Fault: {fault}")
             print_reasons(spawned.reasons)
     return ExitCode.NEGATIVE if spawned.reasons else ExitCode.OK
 
@@ -155,6 +159,7 @@ def info(file: EpisodePath, *, as_json: AsJson = False) -> ExitCode:
             "maps": [world.iri for world in episode.spawned],
             "edits": dict(edits),
             "events": {kind.value: count for kind, count in events.items()},
+            "faults": list(episode.faults()),
             "losses": _losses_json(losses),
         }
     if as_json:

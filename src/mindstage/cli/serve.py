@@ -55,13 +55,10 @@ _CONNECT_TIMEOUT_S = 5.0
 """Timeout for a rosbridge that is still starting [s]."""
 _MAX_REFUSED_NAMES = 3
 """Largest number of names in a line about refused operations."""
-_REFUSAL_REMEDIES = (
-    (r"not a valid type string|Unknown operation: advertise_action", "omit --ros1 for ROS 2, give it for ROS 1"),
-    (
-        r"Unable to (load the manifest|import)",
-        "build the packages of the folder ros/ in the workspace of that rosbridge",
-    ),
-)
+_WRONG_ROS = re.compile(r"not a valid type string|Unknown operation: advertise_action")
+"""What a rosbridge says of types and operations of the other version of ROS."""
+_OWN_PACKAGES = frozenset({"mindstage_msgs", "modul_spawner_msgs", "unreal_vis_msgs", "world_control_msgs"})
+"""Packages of the folder ros/."""
 
 Maps = Annotated[
     list[str] | None,
@@ -336,13 +333,27 @@ def _print_refusals(url: str, refusals: Sequence[Refusal]) -> None:
     """Prints what the rosbridge refused, one line for each remedy or cause."""
     groups: dict[str, list[Refusal]] = {}
     for refusal in refusals:
-        remedy = next((text for pattern, text in _REFUSAL_REMEDIES if re.search(pattern, refusal.cause)), "")
-        groups.setdefault(remedy or refusal.cause, []).append(refusal)
+        groups.setdefault(_remedy(refusal) or refusal.cause, []).append(refusal)
     for reason, group in groups.items():
         names = ", ".join(f"{each.operation} {each.name}" for each in group[:_MAX_REFUSED_NAMES])
         more = f" and {len(group) - _MAX_REFUSED_NAMES} more" if len(group) > _MAX_REFUSED_NAMES else ""
         cause = group[0].cause.removeprefix(f"{group[0].operation}: ")
         warn(f"{url} refused {names}{more}: {cause}{'' if reason == group[0].cause else f'; {reason}'}")
+
+
+def _remedy(refusal: Refusal) -> str:
+    """How the rosbridge would accept what it refused; empty if that is not known."""
+    if _WRONG_ROS.search(refusal.cause):
+        return "omit --ros1 for ROS 2, give it for ROS 1"
+    if not (package := refusal.package):
+        return ""
+    if package in _OWN_PACKAGES:
+        remedy = "build the packages of the folder ros/ in the workspace of that rosbridge"
+    else:
+        remedy = f"install its package {package} there (Debian: ros-DISTRO-{package.replace('_', '-')})"
+        if package == "simulation_interfaces":
+            remedy += "; for ROS 1, build ros/ros1/simulation_interfaces"
+    return f"what needs {package} is left out; {remedy}"
 
 
 def _run_until_end(

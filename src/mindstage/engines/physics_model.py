@@ -74,7 +74,7 @@ from mindstage.scene.collision_shapes import (
 )
 from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.joint_kinematics import handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import handles_by_body, is_floating, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -248,6 +248,8 @@ class PhysicsModelBuilder:
         """The assumed ground; None if there is none."""
         self._below_ground: set[BodyId] = set()
         """Loose bodies that were below the ground, or in it, when it was added."""
+        self.uncertain_poses: frozenset[BodyId] = frozenset()
+        """See `Spawn.uncertain_poses`."""
         self._forest: KinematicForest | None = None
         self._loose_roots: frozenset[BodyId] | None = None
         self._changed_bodies: set[BodyId] = set()
@@ -272,6 +274,7 @@ class PhysicsModelBuilder:
         )
         result.settled, result.bounds, result.ground = dict(self.settled), self.bounds, self.ground
         result._below_ground, result._loose_roots = set(self._below_ground), self._loose_roots
+        result.uncertain_poses = self.uncertain_poses
         return result
 
     @property
@@ -306,16 +309,15 @@ class PhysicsModelBuilder:
         """Whether a body collides with the ground: loose bodies do, unless they were below it."""
         return self.ground is not None and id not in self._below_ground and self.is_loose(id)
 
-    def simulation_flags(self) -> frozenset[tuple[str, BodyId]]:
-        """What is decided about bodies with yes or no, and matters for their models."""
-        sets = {
-            "non-colliding": self.collision_filter.non_colliding,
-            "immovable": self.registry.immovable,
-            "below ground": self._below_ground,
-            "loose": self.loose_roots,
-            "weightless": self.actuators.weightless,
-        }
-        return frozenset((name, id) for name, ids in sets.items() for id in ids)
+    def simulation_flags(self) -> tuple[frozenset[BodyId], ...]:
+        """For each decision that matters for models, the bodies of which it is true."""
+        return (
+            frozenset(self.collision_filter.non_colliding),
+            frozenset(self.registry.immovable),
+            frozenset(self._below_ground),
+            self.loose_roots,
+            frozenset(self.actuators.weightless),
+        )
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -404,6 +406,7 @@ class PhysicsModelBuilder:
         self.update_collisions(poses)
         added = self.registry.add(edit.world)
         self.registry.immovable |= edit.immovable.intersection(added.bodies)
+        self.uncertain_poses |= edit.uncertain_poses.intersection(added.bodies)
         bodies = self.registry.bodies
         self.given_excluded_pairs |= {sorted_pair(a, b) for a, b in edit.excluded_pairs if a in bodies and b in bodies}
         invalid_notes = self.mass_properties.add(added.bodies, edit.geometry)
@@ -459,6 +462,7 @@ class PhysicsModelBuilder:
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
         self._below_ground -= removed
+        self.uncertain_poses -= removed
         for id in removed:
             self.settled.pop(id, None)
         self._loose_roots = None if self._loose_roots is None else self._loose_roots - removed
@@ -488,6 +492,7 @@ class PhysicsModelBuilder:
             immovable=frozenset(self.registry.immovable & kept),
             settled={id: each for id, each in self.settled.items() if id in kept},
             below_ground=frozenset(self._below_ground & kept),
+            uncertain_poses=self.uncertain_poses & kept,
             undecided=frozenset(self._changed_bodies),
         )
 
@@ -522,6 +527,7 @@ class PhysicsModelBuilder:
         self.actuators.restore(before, registry=self.registry, joints=self.simulated_joints)
         self.settled |= before.settled
         self._below_ground |= before.below_ground
+        self.uncertain_poses |= before.uncertain_poses
         self._changed_bodies |= before.undecided & restored
         self._collision_state = _CollisionState(self.forest, tuple(self.registry.joints.values()))
 
@@ -594,7 +600,7 @@ class PhysicsModelBuilder:
         forest = self.forest
         neighbors: dict[BodyId, set[BodyId]] = {}
         for joint in self.registry.joints.values():
-            if joint.disable_collision is not False:
+            if _disables_collision(joint):
                 first, other = forest.root_of[joint.parent], forest.root_of[joint.child]
                 neighbors.setdefault(first, set()).add(other)
                 neighbors.setdefault(other, set()).add(first)
@@ -751,8 +757,9 @@ class PhysicsModelBuilder:
 
         Parts that one world describes as overlapping, such as a drawer and its casing, have to return to each other.
         """
-        root_of, jointed = self.forest.root_of, self._collision_state.jointed_roots
+        root_of = self.forest.root_of
         for a, b in pairs:
+            jointed = self._collision_state.jointed_roots
             is_added_to = (a in new_ids) is not (b in new_ids)
             is_part = sorted_pair(root_of[a], root_of[b]) in jointed or (a, b) in self.given_excluded_pairs
             if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):
@@ -886,6 +893,7 @@ class PhysicsModelBuilder:
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
         is_new = np.arange(len(ids)) >= len(ids) - len(new_ids)
         belongs, low = belongs_to_place(boxes), boxes.bounds()[0][:, 2]
+        is_certain = np.array([id not in self.uncertain_poses for id in ids], dtype=bool)
         hanging, unbalanced = self._unsupported_rows(np.flatnonzero(is_loose & belongs), poses)
         needs = np.union1d(hanging, unbalanced)
         if not len(needs):
@@ -895,9 +903,11 @@ class PhysicsModelBuilder:
         if (
             before is None
             or (low[needs[is_new[needs]]] < before.height_m - _IN_GROUND_M).any()
-            or (low[is_new & ~is_loose & belongs] < before.height_m - _GROUND_TOLERANCE_M).any()
+            or (low[is_new & ~is_loose & belongs & is_certain] < before.height_m - _GROUND_TOLERANCE_M).any()
         ):
-            height_m = find_ground_height(boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging)
+            height_m = find_ground_height(
+                boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging, is_certain=is_certain
+            )
             if before is None or abs(height_m - before.height_m) > _IN_GROUND_M:
                 self._below_ground, is_decided[:] = set(), False
             else:
@@ -1062,7 +1072,7 @@ class _CollisionState:
         return frozenset(
             sorted_pair(root_of[joint.parent], root_of[joint.child])
             for joint in self.joints
-            if joint.disable_collision is not False
+            if _disables_collision(joint)
         )
 
     def jointed_pairs_as_numbers(self, indices: Mapping[BodyId, int]) -> frozenset[tuple[int, int]]:
@@ -1076,6 +1086,11 @@ class _CollisionState:
         if a is None or b is None or a == b or sorted_pair(a, b) in self.jointed_roots:
             return False
         return groups[a].is_dynamic or groups[b].is_dynamic
+
+
+def _disables_collision(joint: Joint) -> bool:
+    """Whether the bodies that a joint connects do not collide; those of one that constrains nothing do, if not told."""
+    return not is_floating(joint) if joint.disable_collision is None else joint.disable_collision
 
 
 _MAX_LISTED = 3

@@ -12,6 +12,7 @@ from mindstage.episodes.recording import (
     EpisodeEvent,
     EpisodeEventKind,
     EpisodeFrame,
+    EventState,
     FrameRecording,
     Recording,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "EpisodeMemory",
     "EpisodeReplay",
     "EventDetector",
+    "EventState",
     "FrameRecording",
     "Recorder",
     "Recording",

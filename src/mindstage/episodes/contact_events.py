@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mindstage.engines.base import Contact
 from mindstage.episodes.event_log import EventLog, RelationLog
@@ -75,8 +76,6 @@ class ContactTracker:
         )
         self._touches: dict[Pair, _Touch] = {}
         self._of_body: dict[BodyId, dict[Pair, None]] = {}
-        self._with_mover: dict[Pair, None] = {}
-        """Contacts of a body that can be held and a mover."""
         self._reported: dict[Pair, None] = {}
         self._unreported: set[Pair] = set()
         self._measured: dict[Pair, None] = {}
@@ -134,19 +133,19 @@ class ContactTracker:
         last = self.last_support.get(id)
         return last[1] if last is not None and last[0] == support else default_s
 
-    def touching_movers(self) -> dict[BodyId, list[tuple[BodyId, Array]]]:
-        """For each body that movers touch, these movers and the normals towards them."""
+    def touching_agents(self, is_agent: NDArray[np.bool_]) -> dict[BodyId, list[tuple[BodyId, Array]]]:
+        """For each body that agents touch and could hold, these agents and the normals towards them."""
         found: dict[BodyId, list[tuple[BodyId, Array]]] = {}
-        for pair in self._with_mover:
-            a, b = pair
-            normal = self._touches[pair].normal
-            assert b is not None
-            table = self._table
-            assert table is not None
-            if table.is_mover[table.row[b]]:
-                found.setdefault(a, []).append((b, normal))
-            else:
-                found.setdefault(b, []).append((a, -normal))
+        table = self._table
+        assert table is not None
+        can_be_held = table.is_handled & ~table.is_mover
+        for row in np.flatnonzero(is_agent & (self.contact_counts > 0)).tolist():
+            agent = table.ids[row]
+            for a, b in self._of_body.get(agent, ()):
+                other = b if a == agent else a
+                if other is not None and can_be_held[table.row[other]]:
+                    normal = self._touches[a, b].normal
+                    found.setdefault(other, []).append((agent, -normal if a == agent else normal))
         return found
 
     # -- one sample ----------------------------------------------------------------------------------------------------
@@ -309,8 +308,6 @@ class ContactTracker:
         is_initial = sample.is_first or any(sample.jumped[row] or sample.is_new[row] for row in rows)
         touch = _Touch(sample.time_s, is_initial, normal, known_force=known_force)
         self._touches[pair] = touch
-        if len(rows) == 2 and table.is_mover[rows].sum() == 1 and table.is_handled[rows].any():
-            self._with_mover[pair] = None
         for id in pair:
             if id is not None:
                 self._of_body.setdefault(id, {})[pair] = None
@@ -330,7 +327,6 @@ class ContactTracker:
 
     def _end(self, pair: Pair, time_s: float, *, at_once: bool = False) -> None:
         touch = self._touches.pop(pair)
-        self._with_mover.pop(pair, None)
         table = self._table
         assert table is not None
         for id in pair:

@@ -10,7 +10,9 @@ print(detector.events)
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,56 +23,87 @@ from mindstage.episodes.event_log import EventLog
 from mindstage.episodes.handling_events import HandlingDetector
 from mindstage.episodes.motion_events import FallDetector, JointMotionDetector, SlideDetector, TipDetector
 from mindstage.episodes.recording import EpisodeEvent, EpisodeFrame, Recording
-from mindstage.episodes.tracking import BodyTable, DetectionThresholds, MotionTracker
+from mindstage.episodes.tracking import AgentTracker, BodyTable, DetectionThresholds, MotionTracker
 from mindstage.errors import EpisodeError
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap
 from mindstage.scene.transforms import normalize, pose_array
 
-__all__ = ["EventDetector", "detect_events"]
+__all__ = ["DetectionFault", "EventDetector", "detect_events"]
+
+_log = logging.getLogger("mindstage.episodes")
+
+
+class DetectionFault(NamedTuple):
+    """A time in which events could not be detected, for a reason that is a fault of the program or of the frames."""
+
+    begin_s: float
+    """The time of the first frame that failed [s]."""
+    end_s: float
+    """That of the last one [s]."""
+    cause: str
 
 
 class EventDetector:
     """Detects events from frames, in the order of time.
 
+    It goes on after a fault: events that had not ended end there, and what holds in the frame after it begins anew.
+
     A frame is processed when the next one has arrived, since positions are smoothed over three frames, and most events
     are certain a tenth of a second after they have begun; their times are those of the frames all the same.
     """
 
-    def __init__(self, *, geometry: GeometryMap = NO_GEOMETRY, thresholds: DetectionThresholds | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        geometry: GeometryMap = NO_GEOMETRY,
+        thresholds: DetectionThresholds | None = None,
+        agents: Collection[BodyId] = (),
+    ) -> None:
         """Creates a detector that has seen no frame.
 
         Args:
             geometry: the geometry of the bodies, by which contacts are found where none were recorded; a body without
                 an entry is its primitive shape.
             thresholds: by default those that `DetectionThresholds` documents.
+            agents: bodies that can hold others, besides those that are described as parts of robots, hands or grippers,
+                and those that move by themselves.
         """
         self.thresholds = DetectionThresholds() if thresholds is None else thresholds
+        self.faults: list[DetectionFault] = []
+        """When it failed, and why."""
+        self._geometry = geometry
+        self._named_agents = frozenset(agents)
         self._log = EventLog()
+        self._begin()
+        self._pending: EpisodeFrame | None = None
+        """The last frame, which is processed when its successor is known."""
+        self._finished = False
+
+    def _begin(self) -> None:
+        """Begins with no frame seen; the events so far stay."""
         self._motion = MotionTracker(self.thresholds)
-        self._contacts = ContactTracker(self.thresholds, geometry, self._log)
+        self._contacts = ContactTracker(self.thresholds, self._geometry, self._log)
+        self._agents = AgentTracker(self._named_agents)
         self._joints = JointMotionDetector(self.thresholds, self._log)
-        self._handling = HandlingDetector(self.thresholds, self._log, self._contacts)
+        self._handling = HandlingDetector(self.thresholds, self._log, self._contacts, self._agents)
         self._falls = FallDetector(self.thresholds, self._log)
         self._tips = TipDetector(self.thresholds, self._log)
         self._slides = SlideDetector(self.thresholds, self._log, self._contacts)
         self._table: BodyTable | None = None
         self._before: EpisodeFrame | None = None
-        self._pending: EpisodeFrame | None = None
-        """The last frame, which is processed when its successor is known."""
         self._last_poses = np.zeros((0, 7))
         self._last_rows: Mapping[BodyId, int] = {}
-        self._finished = False
 
     @property
     def events(self) -> tuple[EpisodeEvent, ...]:
-        """All events so far, in the order of their begin; those that last have no end."""
+        """All events so far, in the order of their begin; those that last have no end. Final after `finish`."""
         return self._log.events
 
     def update(self, frame: EpisodeFrame) -> tuple[EpisodeEvent, ...]:
         """Takes a frame; returns the events that were found to have begun or ended, each as it is now.
 
-        An event is returned once or twice: when it begins, with no end, and when it ends, with the same id. Of two
-        frames of the same time the last one counts.
+        An event is returned once or twice: when it begins, with no end, and when it ends, with the same id, or when it
+        is withdrawn. Of two frames of the same time the last one counts.
 
         Raises:
             EpisodeError: the frame is earlier than the one before, or the detector is finished.
@@ -82,8 +115,7 @@ class EventDetector:
             if not frame.time_s >= pending.time_s:
                 raise EpisodeError(f"a frame at {frame.time_s:g} s came after one at {pending.time_s:g} s")
             if frame.time_s > pending.time_s:
-                self._process(pending, frame)
-                self._before = pending
+                self._try(pending, frame)
         self._pending = frame
         return self._log.take_changed()
 
@@ -95,16 +127,32 @@ class EventDetector:
         if not self._finished:
             self._finished = True
             if self._pending is not None:
-                self._process(self._pending, None)
-            for each in (self._contacts, self._joints, self._handling, self._slides):
-                each.finish()
+                self._try(self._pending, None)
+            self._log.is_final = True
         return self._log.take_changed()
+
+    def _try(self, frame: EpisodeFrame, after: EpisodeFrame | None) -> None:
+        """Processes a frame; any error is a fault of this frame."""
+        try:
+            self._process(frame, after)
+            self._before = frame
+            if after is None:
+                for each in (self._contacts, self._joints, self._handling, self._slides):
+                    each.finish()
+        except Exception as error:  # events are derived: whatever fails here must not end a recording
+            begin_s, cause = frame.time_s, f"{type(error).__name__}: {error}"
+            if self._table is None and self.faults:  # nothing was processed since the last one
+                begin_s = self.faults.pop().begin_s
+            else:
+                _log.exception("events at %g s could not be detected", frame.time_s)
+            self.faults.append(DetectionFault(begin_s, frame.time_s, cause))
+            self._log.end_all(frame.time_s, f"Its end is unknown: the detection of events failed ({cause}).")
+            self._begin()
 
     def _process(self, frame: EpisodeFrame, after: EpisodeFrame | None) -> None:
         table = self._table
         if table is None or table.ids != frame.ids or table.structure is not frame.structure:
             table = BodyTable.from_frame(frame, table)
-            self._table = table
         poses = _smoothed(self._before, frame, after)
         unknown = np.asarray(~np.isfinite(poses).all(axis=1))
         if unknown.any():  # a diverged simulation, a lost marker: it is where it was
@@ -120,6 +168,7 @@ class EventDetector:
         self._tips.update(sample, counts, held)
         self._slides.update(sample, agents)
         self._motion.keep()
+        self._table = table
 
     def _fill(self, poses: PoseArray, unknown: NDArray[np.bool_], table: BodyTable) -> None:
         """Replaces poses that are not finite by the last known ones, or by those of the structure."""
@@ -131,9 +180,11 @@ class EventDetector:
             poses[row] = pose if np.isfinite(pose).all() else (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
-def detect_events(recording: Recording, *, thresholds: DetectionThresholds | None = None) -> tuple[EpisodeEvent, ...]:
-    """Returns all events of a recording, in the order of their begin."""
-    detector = EventDetector(geometry=recording.geometry, thresholds=thresholds)
+def detect_events(
+    recording: Recording, *, thresholds: DetectionThresholds | None = None, agents: Collection[BodyId] = ()
+) -> tuple[EpisodeEvent, ...]:
+    """Returns all events of a recording, in the order of their begin; faults are logged."""
+    detector = EventDetector(geometry=recording.geometry, thresholds=thresholds, agents=agents)
     for frame in recording.frames():
         detector.update(frame)
     detector.finish()

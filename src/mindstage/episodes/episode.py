@@ -29,8 +29,8 @@ from mindstage.episodes.detection import detect_events
 from mindstage.episodes.geometry_file import decode_geometry
 from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFile, EpisodeLoss, FileChunk, StoredMessage
 from mindstage.episodes.messages import ChunkHead, EpisodeDecoder, EpisodeTopic, WorldRecord
-from mindstage.episodes.recorder import EpisodeHeader
-from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame
+from mindstage.episodes.recorder import FINAL_EVENTS, EpisodeHeader
+from mindstage.episodes.recording import FAULT_EDIT, DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame, EventState
 from mindstage.episodes.structure import WorldStructure
 from mindstage.errors import EpisodeFileError, EpisodeTimeError, without_surrogates
 from mindstage.knowledge import KnowledgeBase
@@ -179,8 +179,7 @@ class Episode:
             raise EpisodeFileError(str(self.path), cause=f"the description of the episode: {error}") from error
         if (version := header.format_version) != FORMAT_VERSION:
             cause = f"it has format version {version}, and this version of Mindstage reads {FORMAT_VERSION}"
-            converter = "convert it with scripts/convert_episode.py of the sources"
-            remedy = "use a newer Mindstage" if version > FORMAT_VERSION else converter
+            remedy = "use a newer Mindstage" if version > FORMAT_VERSION else "record it again"
             raise EpisodeFileError(str(self.path), cause=cause, remedy=remedy)
         return header
 
@@ -237,9 +236,27 @@ class Episode:
 
     @property
     def losses(self) -> tuple[EpisodeLoss, ...]:
-        """What could not be read; the whole file is checked when this is first used."""
+        """What could not be read; the whole file is checked whenever this is used."""
         with self._lock:
-            return self._file.losses()
+            found = self._file.losses()
+            return (*found, *self._unreadable())
+
+    def _unreadable(self) -> Iterator[EpisodeLoss]:
+        """The times of whole chunks that are relative to lost ones."""
+        begin_s: float | None = None
+        cause: str | None = None
+        for chunk in self._file.chunks:
+            try:
+                times = self._read(chunk.number).times
+            except EpisodeFileError as error:
+                cause = cause or error.cause
+                continue
+            if cause is not None and times:
+                yield EpisodeLoss(begin_s=begin_s, end_s=times[0], cause=cause)
+                cause = None
+            begin_s = times[-1] if times else begin_s
+        if cause is not None:
+            yield EpisodeLoss(begin_s=begin_s, end_s=None, cause=cause)
 
     @property
     def spawned(self) -> tuple[World, ...]:
@@ -432,8 +449,16 @@ class Episode:
         with self._lock:
             return tuple(edit for chunk in self._readable(EpisodeTopic.EDITS) for edit in chunk.edits)
 
+    def faults(self) -> tuple[str, ...]:
+        """What is derived from the recording and could not be made, such as events at some time, and why."""
+        edits = (edit for edit in self.edits() if edit.kind == FAULT_EDIT)
+        return tuple(f"{edit.details['part']}: {edit.details['cause']}" for edit in edits)
+
     def events(self) -> tuple[EpisodeEvent, ...]:
-        """All events, in the order of their begin; those of a recording without events are detected now, once."""
+        """All events, in the order of their begin; those of a recording without events are detected now, once.
+
+        Those of an interrupted recording are provisional.
+        """
         with self._events_lock:  # states can be read while events are detected
             return self._events
 
@@ -443,7 +468,20 @@ class Episode:
             return detect_events(self)
         with self._lock:
             found = {event.id: event for chunk in self._readable(EpisodeTopic.EVENTS) for event in chunk.events}
-        return tuple(sorted(found.values(), key=lambda event: event.begin_s))
+            if (final := self._final_events()) is not None:
+                stated = {id: event for id, event in found.items() if event.state is EventState.FINAL}
+                found = stated | {event.id: event for event in final}
+        events = (event for event in found.values() if event.state is not EventState.WITHDRAWN)
+        return tuple(sorted(events, key=lambda event: event.begin_s))
+
+    def _final_events(self) -> tuple[EpisodeEvent, ...] | None:
+        """The events of the whole recording; None if it was interrupted, or they are lost."""
+        try:
+            content = self._file.attachment(FINAL_EVENTS)
+            return None if content is None else msgspec.json.decode(content, type=tuple[EpisodeEvent, ...])
+        except (EpisodeFileError, msgspec.MsgspecError) as error:
+            _log.warning("%s: the final events are lost: %s", self.path, error)
+            return None
 
     def _readable(self, topic: EpisodeTopic) -> Iterator[_ReadChunk]:
         for chunk in tuple(self._file.with_topic(topic)):
@@ -525,41 +563,58 @@ class Episode:
     def _state_before(self, head: ChunkHead, messages: list[StoredMessage]) -> _State:
         """The state at the begin of a chunk."""
         repeated = messages[: head.repeated]
+        structure = self._structure(head, repeated)
         if head.base == head.number:
-            state = _State(self._structure(head.structure, head.number, repeated))
+            state = _State(structure)
         else:
             state = self._base(head.base).copy()
-            state.use(self._structure(head.structure, head.number, repeated))
+            state.use(structure)
         for message in repeated:
             if message.topic is not EpisodeTopic.WORLD:
                 state.apply(message)
         return state
 
     def _base(self, number: int) -> _State:
+        """The state that chunks are relative to, from the chunk with that number or the one after it."""
         if number not in self._bases:
-            head, messages = self._file.read(number)
-            if head.base != number:
-                raise ValueError(f"chunk {number} is no base")
+            try:
+                head, messages = self._file.read(number)
+            except EpisodeFileError:
+                head, messages = self._file.read(number + 1)
+            if head.base != head.number:
+                raise ValueError(f"chunk {head.number} is no base")
             self._bases[number] = self._state_before(head, messages)
             if len(self._bases) > _KEPT_BASES:
                 self._bases.popitem(last=False)
         return self._bases[number]
 
-    def _structure(self, number: int, chunk: int, repeated: list[StoredMessage]) -> WorldStructure:
-        """The structure with a number, which is in a chunk or in one before it."""
-        if number in self._structures:
-            return self._structures[number]
-        changes = [EpisodeDecoder.world(each.data) for each in repeated if each.topic is EpisodeTopic.WORLD]
-        if not any(each.number == number for each in changes):
-            for earlier in reversed(
-                [each for each in self._file.with_topic(EpisodeTopic.WORLD) if each.number < chunk]
-            ):
-                _, messages = self._file.read(earlier.number)
-                found = [EpisodeDecoder.world(each.data) for each in messages if each.topic is EpisodeTopic.WORLD]
-                changes = [each for each in found if each.number <= number] + changes
-                if any(each.complete or each.number in self._structures for each in found if each.number <= number):
-                    break
-        return self._kept(_folded(changes, number, self._structures))
+    def _structure(self, head: ChunkHead, repeated: list[StoredMessage]) -> WorldStructure:
+        """The structure at the begin of a chunk, from it and as many chunks before it as are needed."""
+        records: dict[int, WorldRecord] = {}
+        earlier = iter(
+            [each.number for each in reversed(tuple(self._file.with_topic(EpisodeTopic.WORLD)))]
+            if head.structure not in self._structures
+            else ()
+        )
+        messages: Iterable[StoredMessage] = repeated
+        while True:
+            for message in messages:
+                if message.topic is EpisodeTopic.WORLD:
+                    record = EpisodeDecoder.world(message.data)
+                    if record.complete or record.number not in records:
+                        records[record.number] = record
+            structure = _folded(records, head.structure, self._structures)
+            if structure is not None:
+                if structure.digest != head.digest:
+                    raise ValueError(f"world {head.structure} is another one than that of the chunk")
+                return self._kept(structure)
+            number = next((number for number in earlier if number < head.number), None)
+            if number is None:
+                raise ValueError(f"world {head.structure}, or a change before it, is lost")
+            try:
+                _, messages = self._file.read(number)
+            except EpisodeFileError:  # what is in it is in another one, too
+                messages = ()
 
     def __iter__(self) -> Iterator[EpisodeFrame]:
         return self.frames()
@@ -586,22 +641,20 @@ def _parts(present: World, spawned: Iterable[World]) -> Iterator[World]:
             yield replace(world, bodies=bodies, joints=connected, attachments=attachments)
 
 
-def _folded(changes: Iterable[WorldRecord], number: int, known: Mapping[int, WorldStructure]) -> WorldStructure:
-    """The structure that results from changes.
+def _folded(
+    records: Mapping[int, WorldRecord], number: int, known: Mapping[int, WorldStructure]
+) -> WorldStructure | None:
+    """The structure with a number that results from records; None if one of them is missing.
 
     Raises:
-        ValueError: one of them is missing.
+        ValueError: they do not fit together.
     """
-    structure: WorldStructure | None = None
-    for record in changes:
-        if record.number in known:
-            structure = known[record.number]
-        elif record.complete:
-            structure = WorldStructure.from_record(record)
-        elif structure is not None and record.number == structure.number + 1:
-            structure = structure.after(record)
-        elif structure is not None and record.number > structure.number + 1:
-            structure = None
-        if structure is not None and structure.number == number:
-            return structure
-    raise ValueError(f"world {number}, or a change before it, is lost")
+    first = number
+    while first not in known and not (first in records and records[first].complete):
+        if first not in records:
+            return None
+        first -= 1
+    structure = known[first] if first in known else WorldStructure.from_record(records[first])
+    for each in range(first + 1, number + 1):
+        structure = structure.after(records[each])
+    return structure

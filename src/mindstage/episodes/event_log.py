@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 
 from msgspec.structs import replace
 
-from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind
+from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, EventState
 
 __all__ = ["EventLog", "RelationLog"]
 
@@ -27,12 +27,16 @@ class EventLog:
         self._events: dict[str, EpisodeEvent] = {}
         self._changed: dict[str, None] = {}
         self._counts: Counter[EpisodeEventKind] = Counter()
+        self.is_final = False
+        """Whether nothing follows, so that the events are final."""
 
     def add(self, kind: EpisodeEventKind, begin_s: float, end_s: float | None = None, **fields: Any) -> str:
         """Adds an event and returns its id."""
         self._counts[kind] += 1
         id = f"{kind.value}_{self._counts[kind]}"
-        self._events[id] = EpisodeEvent(id=id, kind=kind, begin_s=begin_s, end_s=end_s, **fields)
+        self._events[id] = EpisodeEvent(
+            id=id, kind=kind, begin_s=begin_s, end_s=end_s, state=EventState.PROVISIONAL, **fields
+        )
         self._changed[id] = None
         return id
 
@@ -42,6 +46,21 @@ class EventLog:
         self._events[id] = replace(event, end_s=max(end_s, event.begin_s), **fields)
         self._changed[id] = None
 
+    def event(self, id: str) -> EpisodeEvent:
+        """An event as it is now."""
+        return self._events[id]
+
+    def withdraw(self, id: str) -> None:
+        """Takes back an event that turned out to be none."""
+        self._events[id] = replace(self._events[id], state=EventState.WITHDRAWN)
+        self._changed[id] = None
+
+    def end_all(self, time_s: float, reason: str) -> None:
+        """Ends all events that last, for a reason that is added to their evidence."""
+        for id, event in tuple(self._events.items()):
+            if event.end_s is None and event.state is not EventState.WITHDRAWN:
+                self.end(id, time_s, evidence=(*event.evidence, reason))
+
     def take_changed(self) -> tuple[EpisodeEvent, ...]:
         """The events that began or ended since the last call, each as it is now."""
         changed, self._changed = self._changed, {}
@@ -49,8 +68,11 @@ class EventLog:
 
     @property
     def events(self) -> tuple[EpisodeEvent, ...]:
-        """All events, in the order of their begin."""
-        return tuple(sorted(self._events.values(), key=lambda event: event.begin_s))
+        """All events that were not withdrawn, in the order of their begin."""
+        events = [event for event in self._events.values() if event.state is not EventState.WITHDRAWN]
+        if self.is_final:
+            events = [replace(event, state=EventState.FINAL) for event in events]
+        return tuple(sorted(events, key=lambda event: event.begin_s))
 
 
 @dataclass(slots=True)

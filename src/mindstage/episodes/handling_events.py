@@ -1,7 +1,8 @@
 """What holds a body, and what happens to it meanwhile: grasping, picking up, transporting, putting down.
 
-A body is held that is attached to a mover, that is touched by movers from opposite sides, or that moves against gravity
-though nothing touches it, as one that a client pulls does. While it is held, one state machine per body follows it:
+A body is held that is attached to an agent, that is touched by agents from opposite sides, or that moves against
+gravity though nothing touches it, as one that a client pulls does. While it is held, one state machine per body follows
+it:
 
     on a support -- it has left the support by `lift_m` --> in the air     picking up
     in the air   -- it is `transport_min_m` away        --> in the air     transporting begins
@@ -22,7 +23,7 @@ from mindstage.episodes.contact_events import ContactTracker
 from mindstage.episodes.event_log import EventLog, RelationLog
 from mindstage.episodes.motion_events import FlightClock, free_flight_begin, heights_since, vertical_acceleration
 from mindstage.episodes.recording import EpisodeEventKind
-from mindstage.episodes.tracking import BodyTable, DetectionThresholds, MotionSample
+from mindstage.episodes.tracking import AgentTracker, BodyTable, DetectionThresholds, MotionSample
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array
 
@@ -61,10 +62,15 @@ class _Carry:
 class HandlingDetector:
     """Follows the bodies that are held."""
 
-    def __init__(self, thresholds: DetectionThresholds, log: EventLog, contacts: ContactTracker) -> None:
+    def __init__(
+        self, thresholds: DetectionThresholds, log: EventLog, contacts: ContactTracker, agents: AgentTracker
+    ) -> None:
         self._limits = thresholds
         self._log = log
         self._contacts = contacts
+        self._agents = agents
+        self._attached_s: dict[Grasp, float] = {}
+        """Since when a body has been attached to a mover [s]."""
         self._clock = FlightClock()
         self._pulled: dict[BodyId, float] = {}
         """Bodies that a force holds, and since when [s]."""
@@ -85,8 +91,13 @@ class HandlingDetector:
         table = sample.table
         for id in [id for id in self._carries if id not in table.row or sample.jumped[table.row[id]]]:
             self._drop(id, sample)
-        holders = {table.ids[row]: table.ids[table.mover[row]] for row in np.flatnonzero(table.mover >= 0).tolist()}
-        for id, mover in self._gripped(table).items():
+        is_agent = self._agents.update(sample)
+        attached = {table.ids[row]: table.ids[table.mover[row]] for row in np.flatnonzero(table.mover >= 0).tolist()}
+        self._attached_s = {pair: self._attached_s.get(pair, sample.time_s) for pair in attached.items()}
+        holders = {id: mover for id, mover in attached.items() if is_agent[table.row[mover]]}
+        for id, mover in holders.items():
+            self._evidence[id] = f"It is attached to {mover}. {self._agents.reason(table, mover)}"
+        for id, mover in self._gripped(table, is_agent).items():
             holders.setdefault(id, mover)
         held = np.zeros(len(table.ids), dtype=bool)
         held[[table.row[id] for id in holders]] = True
@@ -114,17 +125,25 @@ class HandlingDetector:
 
     # -- what holds a body ---------------------------------------------------------------------------------------------
 
-    def _gripped(self, table: BodyTable) -> dict[BodyId, BodyId]:
-        """The bodies that movers touch from opposite sides, and one of these movers."""
+    def _gripped(self, table: BodyTable, is_agent: Mask) -> dict[BodyId, BodyId]:
+        """The bodies that agents touch from opposite sides, and one of these agents.
+
+        What merely lifts a body from below, such as a table whose height is adjusted, is no side of a grip.
+        """
         found: dict[BodyId, BodyId] = {}
-        for id, touching in self._contacts.touching_movers().items():
-            normals = np.array([normal for _, normal in touching])
-            if len(touching) > 1 and float((normals @ normals.T).min()) < _OPPOSITE:
-                root = table.ids[table.group[table.row[touching[0][0]]]]
-                found[id] = root if table.is_mover[table.row[root]] else touching[0][0]
-                self._evidence[id] = (
-                    " and ".join(dict.fromkeys(mover for mover, _ in touching)) + " touch it on both sides."
-                )
+        for id, touching in self._contacts.touching_agents(is_agent).items():
+            sides = [
+                (agent, normal)
+                for agent, normal in touching
+                if table.is_agent[table.row[agent]] or normal[2] > -self._limits.support_min_normal_z
+            ]
+            normals = np.array([normal for _, normal in sides]).reshape(-1, 3)
+            if len(sides) > 1 and float((normals @ normals.T).min()) < _OPPOSITE:
+                root = table.ids[table.group[table.row[sides[0][0]]]]
+                found[id] = root if table.is_mover[table.row[root]] else sides[0][0]
+                agents = dict.fromkeys(agent for agent, _ in sides)
+                reasons = dict.fromkeys(self._agents.reason(table, agent) for agent in agents)
+                self._evidence[id] = " ".join([f"{' and '.join(agents)} touch it on both sides.", *reasons])
         return found
 
     def _update_pulled(self, sample: MotionSample, held: Mask) -> None:
@@ -185,11 +204,12 @@ class HandlingDetector:
             if carry is not None and carry.agent != mover and carry.released_s is None:
                 self._grasps.cease((id, carry.agent), time_s)
                 carry.agent = mover
+            since_s = self._attached_s.get((id, mover), time_s)  # before it was clear that the mover is an agent
             if carry is None:
-                self._carries[id] = self._new_carry(id, mover, time_s, sample)
+                self._carries[id] = self._new_carry(id, mover, since_s, sample)
             else:
                 carry.agent, carry.released_s = mover, None
-            self._grasps.begin((id, mover), time_s)
+            self._grasps.begin((id, mover), since_s)
         for id, since in self._pulled.items():
             carry = self._carries.get(id)
             if carry is None:
@@ -323,6 +343,10 @@ class HandlingDetector:
         assert carry.left_place is not None
         last = carry.path[-1][1] if place is None else place
         distance = float(np.linalg.norm(last - carry.left_place))
+        if distance < self._limits.transport_min_m:
+            self._log.withdraw(carry.transport)
+            carry.transport = None
+            return
         text = f"It was held and moved to a place {distance:.2f} m away."
         self._log.end(carry.transport, end_s, amount=distance, evidence=(text,))
         carry.transport = None
@@ -337,8 +361,7 @@ class HandlingDetector:
 
     def _describe(self, grasp: Grasp) -> dict[str, Any]:
         id, mover = grasp
-        default = "A force holds it." if mover is None else f"It is attached to {mover}."
-        return {"thing": id, "agent": mover, "evidence": (self._evidence.get(id, default),)}
+        return {"thing": id, "agent": mover, "evidence": (self._evidence.get(id, "A force holds it."),)}
 
 
 _OPPOSITE = -0.5

@@ -13,6 +13,8 @@ import struct
 import zlib
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from hashlib import blake2b
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
@@ -33,8 +35,8 @@ except ModuleNotFoundError as error:
 
 __all__ = ["FORMAT_VERSION", "EpisodeFile", "EpisodeFileWriter", "EpisodeLoss", "FileChunk", "StoredMessage", "repair"]
 
-FORMAT_VERSION = 2
-"""Version of episode files; `scripts/convert_episode.py` converts those of version 1."""
+FORMAT_VERSION = 3
+"""Version of episode files; those of another one are refused."""
 _MAX_CHUNK_BYTES = 1 << 28
 """Largest decompressed size of a chunk, and of an attachment."""
 _CHUNK_MARK = b"\x04\0\0\0zstd"
@@ -43,6 +45,8 @@ _MARK_OFFSET = 9 + 8 + 8 + 8 + 4
 """The position of that name in the record: after opcode, length, two times, size and checksum."""
 _FOOTER_BYTES = 9 + 20
 _LOSSES = "losses.json"
+_CONTENTS = "contents.json"
+_MAX_COPIED_BYTES = 1 << 18
 _PARSE_ERRORS = (ValueError, EOFError, OverflowError, struct.error)
 """What the library raises for records that are not valid."""
 _REMEDY = "`mindstage episode repair` writes a file of what is readable"
@@ -56,6 +60,14 @@ class EpisodeLoss(msgspec.Struct, frozen=True, kw_only=True):
     end_s: float | None
     """Time of the first readable state after it [s]; None if there is none."""
     cause: str
+
+
+class _Contents(msgspec.Struct, frozen=True):
+    """The last attachment, which says what a whole file has."""
+
+    chunks: int
+    attachments: dict[str, str]
+    """The digest of each."""
 
 
 class StoredMessage(NamedTuple):
@@ -110,6 +122,10 @@ class EpisodeFileWriter:
             for type in dict.fromkeys(topic.type for topic in EpisodeTopic)
         }
         self._channels = {topic: self._channel(topic, schemas[topic.type]) for topic in EpisodeTopic}
+        self._chunks = 0
+        self._attached: dict[str, tuple[str, bytes]] = {}
+        """The media type and the content of the last attachment of each name; no content if it is large."""
+        self._digests: dict[str, str] = {}
 
     def _channel(self, topic: EpisodeTopic, schema: int) -> int:
         is_latched = topic in {EpisodeTopic.TF_STATIC, EpisodeTopic.MARKERS}
@@ -128,8 +144,14 @@ class EpisodeFileWriter:
         self._writer.add_message(self._channels[topic], time_ns, data, time_ns)
 
     def add_attachment(self, name: str, media_type: str, data: bytes, *, time_ns: int = 0) -> None:
-        """Adds an attachment; it is compressed if its name ends with ".zst"."""
+        """Adds an attachment; it is compressed if its name ends with ".zst".
+
+        Of several with the same name the last one counts. Those of up to a quarter of a megabyte are written again at
+        the end of the file.
+        """
         content = zstandard.compress(data, 10) if name.endswith(".zst") else data
+        self._digests[name] = _digest(content)
+        self._attached[name] = (media_type, content if len(content) <= _MAX_COPIED_BYTES else b"")
         self._writer.add_attachment(time_ns, time_ns, name, media_type, content)
         self._stream.flush()
 
@@ -143,6 +165,7 @@ class EpisodeFileWriter:
         Raises:
             OSError: the disk is full, for example.
         """
+        self._chunks += 1
         self._writer.flush()  # type: ignore[no-untyped-call]
         os.fdatasync(self._stream.fileno())
 
@@ -155,6 +178,11 @@ class EpisodeFileWriter:
         if self._stream.closed:
             return
         try:
+            contents = msgspec.json.encode(_Contents(self._chunks, self._digests))
+            self._attached[_CONTENTS] = ("application/json", contents)
+            for name, (media_type, content) in (*self._attached.items(), (_CONTENTS, self._attached[_CONTENTS])):
+                if content:
+                    self._writer.add_attachment(0, 0, name, media_type, content)
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
             os.fsync(self._stream.fileno())
@@ -185,14 +213,18 @@ class EpisodeFile:
             raise EpisodeFileError(str(path), cause=error.strerror or str(error)) from error
         self._channels: dict[int, EpisodeTopic] = {}
         self._episode: str | None = None
-        self._attachments: dict[str, tuple[int, int]] = {}
-        """The positions of the records, by name."""
+        self._attachments: dict[str, list[tuple[int, int]]] = {}
+        """The positions of the records, by name; the last one counts, and the others are for the case of damage."""
+        self._first_frames: dict[int, int] = {}
+        """The time of the first frame of each chunk, when the file was searched [ns]."""
+        self._contents: _Contents | None = None
         self._damage: list[EpisodeLoss] = []
         self.is_scanned = False
         """Whether the file was searched for readable chunks, since it has no end or is damaged."""
         try:
             try:
                 self._chunks = self._read_index()
+                self._contents = self._read_contents()
             except (_DamageError, *_PARSE_ERRORS) as error:
                 self._cause = str(error)
                 self._scan()
@@ -206,12 +238,13 @@ class EpisodeFile:
         if not self._chunks and not self.is_scanned:
             cause = "it is no episode: it has none of Mindstage's topics"
             raise EpisodeFileError(str(self.path), cause=cause, remedy="other recordings are read with `read_bag`")
+        if self._chunks and self._episode is None:
+            with suppress(EpisodeFileError):  # then the file was searched, and others were found or none
+                self.read(self._chunks[0].number)
         if not self._chunks:
             is_mcap = self._data[:8] == MCAP0_MAGIC
             cause = f"nothing in it is readable: {self._cause}" if is_mcap else "it is not an MCAP file"
             raise EpisodeFileError(str(self.path), cause=cause)
-        if self._episode is None:
-            self.read(self._chunks[0].number)
 
     def close(self) -> None:
         """Closes the file; may be called repeatedly."""
@@ -268,17 +301,22 @@ class EpisodeFile:
         Raises:
             EpisodeFileError: it is damaged.
         """
-        if name not in self._attachments:
-            return None
-        try:
-            found = self._read_attachment(*self._attachments[name])
-            return _decompressed(found.data) if name.endswith(".zst") else found.data
-        except _DamageError as error:
-            raise EpisodeFileError(str(self.path), cause=f"{name}: {error}") from error
+        cause = "it is lost"
+        digest = None if self._contents is None else self._contents.attachments.get(name)
+        for offset, end in reversed(self._attachments.get(name, ())):
+            try:
+                content = self._read_attachment(offset, end).data
+                if digest is None or _digest(content) == digest:  # another one was replaced
+                    return _decompressed(content) if name.endswith(".zst") else content
+            except _DamageError as error:
+                cause = str(error)
+        if name in self._attachments or digest is not None:
+            raise EpisodeFileError(str(self.path), cause=f"{name}: {cause}")
+        return None
 
     def attachment_names(self) -> tuple[str, ...]:
         """The names of the attachments, in the order of the file."""
-        return tuple(self._attachments)
+        return tuple(name for name in self._attachments if name != _CONTENTS)
 
     def losses(self) -> tuple[EpisodeLoss, ...]:
         """What cannot be read. The whole file is checked."""
@@ -288,8 +326,9 @@ class EpisodeFile:
                     head, _ = self._read_chunk(chunk.offset, chunk.end)
                     if (head.episode, head.number) != (self._episode, chunk.number):
                         raise _DamageError(f"chunk {head.number} is in the place of chunk {chunk.number}")
-                for position in self._attachments.values():
-                    self._read_attachment(*position)
+                for positions in self._attachments.values():
+                    for position in positions:
+                        self._read_attachment(*position)
             except _DamageError as error:
                 self._cause = str(error)
                 self._scan()
@@ -333,7 +372,7 @@ class EpisodeFile:
                 indices.append(ChunkIndex.read(record))
             elif opcode == Opcode.ATTACHMENT_INDEX:
                 found = AttachmentIndex.read(record)
-                self._attachments[found.name] = (found.offset, found.offset + found.length)
+                self._attachments.setdefault(found.name, []).append((found.offset, found.offset + found.length))
             position += 9 + length
         if EpisodeTopic.CHUNKS not in self._channels.values():
             return ()
@@ -413,12 +452,26 @@ class EpisodeFile:
             raise _DamageError("an attachment is damaged") from error
         return attachment
 
+    def _read_contents(self) -> _Contents | None:
+        """The list of contents; None if there is none that is readable."""
+        for position in self._attachments.get(_CONTENTS, ()):
+            try:
+                return msgspec.json.decode(self._read_attachment(*position).data, type=_Contents)
+            except (_DamageError, msgspec.MsgspecError):
+                continue
+        return None
+
     # -- damaged files -------------------------------------------------------------------------------------------------
 
     def _scan(self) -> None:
         """Searches the file for chunks and attachments whose checksums are right."""
         self.is_scanned = True
         self._damage, self._attachments = [], {}
+        try:
+            index: tuple[FileChunk, ...] | None = self._read_index()
+        except (_DamageError, *_PARSE_ERRORS):
+            index, self._attachments = None, {}
+        self._channels = self._channels or dict(enumerate(EpisodeTopic, 1))  # as they are written
         found: dict[int, FileChunk] = {}
         others = 0
         position = self._data.find(_CHUNK_MARK)
@@ -435,8 +488,11 @@ class EpisodeFile:
                     found.setdefault(head.number, chunk)
             position = self._data.find(_CHUNK_MARK, position + 1)
         self._chunks = tuple(found[number] for number in sorted(found))
-        self._scan_attachments()
-        self._report_damage(others)
+        if index is None:
+            self._scan_attachments()
+        self._contents = self._read_contents()
+        count = len(index) if index is not None else None if self._contents is None else self._contents.chunks
+        self._report_damage(others, count)
 
     def _checked_chunk(self, offset: int) -> tuple[FileChunk, ChunkHead]:
         if offset < len(MCAP0_MAGIC):
@@ -445,6 +501,9 @@ class EpisodeFile:
         end = offset + 9 + length
         head, messages = self._read_chunk(offset, end)
         times = [message.time_ns for message in messages]
+        frames = [message.time_ns for message in messages[head.repeated :] if message.topic is EpisodeTopic.CLOCK]
+        if frames:
+            self._first_frames[head.number] = frames[0]
         topics = frozenset(message.topic for message in messages if message.topic is not None)
         first = min(times, default=0)
         return FileChunk(head.number, offset, end, first, max(times, default=first), topics), head
@@ -462,9 +521,8 @@ class EpisodeFile:
             is_record = 0 < opcode <= Opcode.DATA_END and end <= size
             if is_record and opcode == Opcode.ATTACHMENT:
                 try:
-                    self._attachments[self._read_attachment(position, end).name] = (position, end)
-                except _DamageError as error:
-                    self._damage.append(EpisodeLoss(begin_s=None, end_s=None, cause=str(error)))
+                    self._attachments.setdefault(self._read_attachment(position, end).name, []).append((position, end))
+                except _DamageError:
                     is_record = False
             if is_record and opcode != Opcode.CHUNK:
                 position = end
@@ -474,32 +532,43 @@ class EpisodeFile:
                 return
             position = offsets[row]
 
-    def _report_damage(self, others: int) -> None:
+    def _report_damage(self, others: int, count: int | None) -> None:
+        """Lists what is lost of a file.
+
+        Args:
+            others: the number of chunks of other episodes.
+            count: the number of chunks that it had; None if it is unknown.
+        """
         if not self._chunks:
             return
         before, readable = -1, None
         for chunk in self._chunks:
             if chunk.number > before + 1:
-                count = chunk.number - before - 1
-                cause = "a chunk is lost" if count == 1 else f"{count} chunks are lost"
-                self._damage.append(EpisodeLoss(begin_s=readable, end_s=chunk.begin_ns / 1e9, cause=cause))
+                begin = min((ns for number, ns in self._first_frames.items() if number >= chunk.number), default=None)
+                end_s = None if begin is None else begin / 1e9
+                self._damage.append(EpisodeLoss(begin_s=readable, end_s=end_s, cause=_lost(chunk.number - before - 1)))
             before, readable = chunk.number, chunk.end_ns / 1e9
         if others:
             cause = f"{others} chunks are of another episode"
             self._damage.append(EpisodeLoss(begin_s=None, end_s=None, cause=cause))
-        if not self._is_complete():
+        if count is None:
             self._damage.append(EpisodeLoss(begin_s=readable, end_s=None, cause=self._cause))
+        elif count > before + 1:
+            self._damage.append(EpisodeLoss(begin_s=readable, end_s=None, cause=_lost(count - before - 1)))
+        expected = self._attachments if self._contents is None else self._contents.attachments
+        for name in expected:
+            try:
+                self.attachment(name)
+            except EpisodeFileError as error:
+                self._damage.append(EpisodeLoss(begin_s=None, end_s=None, cause=error.cause))
 
-    def _is_complete(self) -> bool:
-        """Whether a damaged file has an intact end, so that its last chunk is known."""
-        attachments = dict(self._attachments)
-        try:
-            count = len(self._read_index())
-        except (_DamageError, *_PARSE_ERRORS):
-            return False
-        finally:
-            self._attachments = attachments
-        return bool(self._chunks) and self._chunks[-1].number == count - 1
+
+def _lost(count: int) -> str:
+    return "a chunk is lost" if count == 1 else f"{count} chunks are lost"
+
+
+def _digest(content: bytes) -> str:
+    return blake2b(content, digest_size=16).hexdigest()
 
 
 def _stream(data: bytes) -> ReadDataStream:
@@ -555,9 +624,14 @@ def _restorable(file: EpisodeFile) -> dict[int, int]:
     numbers: dict[int, int] = {}
     for chunk in file.chunks:
         head, _ = file.read(chunk.number)
-        if head.base == chunk.number or head.base in numbers:
+        if head.base == chunk.number or _base(head, numbers) is not None:
             numbers[chunk.number] = len(numbers)
     return numbers
+
+
+def _base(head: ChunkHead, numbers: Mapping[int, int]) -> int | None:
+    """The new number of the base of a chunk; None if it is lost, and the one after it, too."""
+    return numbers.get(head.base, numbers.get(head.base + 1))
 
 
 def _write_repaired(
@@ -573,7 +647,7 @@ def _write_repaired(
             writer.add_attachment(_LOSSES, "application/json", msgspec.json.encode(losses))
         for number, new_number in numbers.items():
             head, messages = file.read(number)
-            renumbered = head._replace(number=new_number, base=numbers[head.base])
+            renumbered = head._replace(number=new_number, base=_base(head, numbers) or 0)
             first_ns = messages[0].time_ns if messages else 0
             writer.add(EpisodeTopic.CHUNKS, first_ns, EpisodeEncoder.chunk(renumbered))
             for message in messages:

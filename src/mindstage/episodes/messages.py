@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from mindstage.engines.base import Contact, PoseArray
-from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeEventKind
+from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeEventKind, EventState
 from mindstage.scene import Body, BodyId, PrimitiveType, Vector
 from mindstage.scene.transforms import Array
 
@@ -76,6 +76,8 @@ class ChunkHead(NamedTuple):
     number: int
     base: int
     structure: int
+    digest: str
+    """Of that structure."""
     repeated: int
 
 
@@ -85,6 +87,7 @@ class WorldRecord(NamedTuple):
     number: int
     complete: bool
     json: bytes
+    digest: str
 
 
 # -- definitions -------------------------------------------------------------------------------------------------------
@@ -351,6 +354,7 @@ class EpisodeEncoder:
         writer = _CdrWriter()
         writer.string(head.episode)
         writer.numbers("Q", head.number, head.base, head.structure)
+        writer.string(head.digest)
         writer.numbers("I", head.repeated)
         return writer.message()
 
@@ -362,6 +366,7 @@ class EpisodeEncoder:
         writer.numbers("Q", record.number)
         writer.numbers("B", record.complete)
         writer.string(record.json.decode())
+        writer.string(record.digest)
         return writer.message()
 
     @staticmethod
@@ -387,6 +392,7 @@ class EpisodeEncoder:
             writer.string(text or "")
         writer.numbers("d", nan if event.amount is None else event.amount)
         writer.strings(event.evidence)
+        writer.string(event.state.value)
         return writer.message()
 
     @staticmethod
@@ -487,16 +493,17 @@ class EpisodeDecoder:
     def chunk(data: bytes) -> ChunkHead:
         """The head of a chunk."""
         reader = _CdrReader(data)
-        return ChunkHead(
-            reader.string(), reader.number("Q"), reader.number("Q"), reader.number("Q"), reader.number("I")
-        )
+        episode = reader.string()
+        number, base, structure = (reader.number("Q") for _ in range(3))
+        return ChunkHead(episode, number, base, structure, reader.string(), reader.number("I"))
 
     @staticmethod
     def world(data: bytes) -> WorldRecord:
         """A world, or its changes."""
         reader = _CdrReader(data)
         reader.stamp()
-        return WorldRecord(reader.number("Q"), bool(reader.number("B")), reader.string().encode())
+        number, is_complete = reader.number("Q"), bool(reader.number("B"))
+        return WorldRecord(number, is_complete, reader.string().encode(), reader.string())
 
     @staticmethod
     def edit(data: bytes) -> EpisodeEdit:
@@ -529,6 +536,7 @@ class EpisodeDecoder:
             joint=BodyId(joint) if joint else None,
             amount=None if isnan(amount) else amount,
             evidence=reader.strings(),
+            state=EventState(reader.string()),
         )
 
 

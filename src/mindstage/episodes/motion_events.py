@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -237,7 +237,7 @@ def free_flight_begin(times: Array, heights: Array, window_s: float, tolerance_m
     slope, height = np.polyfit(times[first:], lifted[first:], 1)
     agrees = np.abs(lifted - slope * times - height) <= tolerance_m
     apart = np.flatnonzero(~agrees)
-    return float(times[apart[-1] + 1 if len(apart) else 0])
+    return float(times[min(apart[-1] + 1, len(times) - 1) if len(apart) else 0])
 
 
 class FallDetector:
@@ -394,31 +394,36 @@ _REST_S = 0.2
 
 
 @dataclass(slots=True, eq=False)
-class _SlideRun:
-    """One motion of a body along its support."""
+class _Place:
+    """Where a body is on one of its supports, and the motion from there if it has begun."""
 
-    support: BodyId | None
-    begin_s: float
-    start: Array
-    """Where it began, in the frame of the support."""
+    rest: Array
+    """Where it rested last, in the frame of the support [m]."""
+    rest_s: float
+    """The last time at which it was there [s]."""
+    path: deque[tuple[float, Array]] = field(default_factory=deque)
+    """Where it has been since, as far back as its end is dated; empty while it rests."""
+    progress: Array | None = None
+    """The last place that differs from the one before by more than `still_m`."""
+    progress_s: float = 0.0
     farthest_m: float = 0.0
     event: str | None = None
-    stopped_s: float | None = None
-    """Since when it has not moved."""
 
 
 class SlideDetector:
-    """Bodies that move along what supports them, relative to it."""
+    """Bodies that move along what supports them, relative to it, however slowly: the distance decides.
+
+    A body rests while it stays within `still_m` of one place. It has stopped when it has stayed within `still_m` for
+    longer than it needed for that distance at its mean speed so far, and at least for `min_duration_s`.
+    """
 
     def __init__(self, thresholds: DetectionThresholds, log: EventLog, contacts: ContactTracker) -> None:
         self._limits = thresholds
         self._log = log
         self._contacts = contacts
-        self._runs: dict[BodyId, _SlideRun] = {}
-        self._tilted_s: dict[BodyId, float] = {}
-        """When a body tipped last."""
-        self._ended_s: dict[BodyId, float] = {}
-        """When a body slid last."""
+        self._places: dict[tuple[BodyId, BodyId | None], _Place] = {}
+        self._seen = np.zeros((0, 7))
+        """n x 7: the poses of the sample before."""
 
     def update(self, sample: MotionSample, agents: Mapping[BodyId, str | None]) -> None:
         """Takes a sample.
@@ -428,81 +433,96 @@ class SlideDetector:
             agents: the bodies that are held, and by what.
         """
         table = sample.table
-        rows = np.flatnonzero(
-            sample.is_moving & table.is_subject & (self._contacts.support_counts > 0) & ~sample.jumped
-        )
-        speeds = self._speeds(rows, sample)
+        is_supported = table.is_subject & (self._contacts.support_counts > 0) & ~sample.jumped
+        for key in [key for key in self._places if not self._is_on(key, sample, is_supported)]:
+            self._leave(key, sample)
+        rows = np.flatnonzero(is_supported)
         tilts = set(rows[self._tilts(rows, sample)].tolist())
-        for id in self._runs.keys() - speeds.keys():
-            self._follow(id, sample, 0.0)
-        for id, (speed, support) in speeds.items():
-            self._slide(id, speed, support, sample, agents.get(id), tilts=table.row[id] in tilts)
+        for row in rows.tolist():
+            id = table.ids[row]
+            keys = [
+                (id, support)
+                for support in self._contacts.supports_of(id)
+                if support is None or not table.is_mover[table.row[support]]
+            ]
+            for key in keys:
+                self._follow(key, row, sample, is_tilting=row in tilts)
+            self._report(id, keys, sample, agents.get(id))
 
     def finish(self) -> None:
         """Ends the motions that had stopped when the recording ended."""
-        for id, run in list(self._runs.items()):
-            if run.stopped_s is not None:
-                self._stop(id)
-        self._runs.clear()
+        for place in self._places.values():
+            if place.event is not None and self._stopped_s(place) < place.path[-1][0] - self._limits.min_duration_s:
+                self._end(place)
 
-    def _slide(
-        self, id: BodyId, speed: float, support: BodyId | None, sample: MotionSample, agent: str | None, *, tilts: bool
-    ) -> None:
-        """Takes the speed of a body along its support."""
-        limits, run = self._limits, self._runs.get(id)
-        if tilts:
-            self._tilted_s[id] = sample.time_s
-        if run is not None and run.support != support:
-            self._stop(id, sample.time_s)
-            run = None
-        if run is None:
-            if speed > limits.move_m_s[0] and not tilts:
-                begin_s, begin = self._onset(sample.table.row[id], support, sample)
-                self._runs[id] = _SlideRun(support, begin_s, begin)
+    def _is_on(self, key: tuple[BodyId, BodyId | None], sample: MotionSample, is_supported: Mask) -> bool:
+        id, support = key
+        row = sample.table.row.get(id)
+        return row is not None and bool(is_supported[row]) and self._contacts.is_supported_by(id, support)
+
+    def _leave(self, key: tuple[BodyId, BodyId | None], sample: MotionSample) -> None:
+        """Ends what a body does on a support that it has no more."""
+        place = self._places.pop(key)
+        if place.event is not None:
+            row = sample.table.row.get(key[0])
+            gone_s = sample.time_s - sample.step_s
+            is_gone = row is None or bool(sample.jumped[row]) or (key[1] is not None and key[1] not in sample.table.row)
+            end_s = gone_s if is_gone else self._contacts.support_end_s(*key, sample.time_s)
+            self._end(place, min(end_s, self._stopped_s(place)))
+
+    def _follow(self, key: tuple[BodyId, BodyId | None], row: int, sample: MotionSample, *, is_tilting: bool) -> None:
+        """Takes where a body is on one of its supports."""
+        limits, time_s = self._limits, sample.time_s
+        now = _relative(sample.poses, row, key[1], sample.table)
+        place = self._places.get(key)
+        if place is None or (is_tilting and place.event is None):
+            self._places[key] = _Place(now, time_s)
             return
-        self._follow(id, sample, 0.0 if tilts else speed)
-        if run.event is None and run.farthest_m >= limits.slide_min_m and id in self._runs:
-            run.event = self._log.add(EpisodeEventKind.SLIDE, run.begin_s, thing=id, other=support, agent=agent)
+        if not place.path:
+            distance = _horizontal(now - place.rest, key[1], sample)
+            if distance <= _RESTS_M:
+                place.rest_s = time_s
+            elif distance > limits.still_m:
+                place.progress, place.progress_s = now, time_s
+                place.path.append((time_s, now))
+                place.farthest_m = distance
+            return
+        assert place.progress is not None
+        if is_tilting:  # the slide ends where the body begins to tip
+            self._end(place, place.progress_s)
+            self._places[key] = _Place(now, time_s)
+            return
+        place.path.append((time_s, now))
+        if np.linalg.norm(now - place.progress) > limits.still_m:
+            place.progress, place.progress_s = now, time_s
+            place.farthest_m = max(place.farthest_m, _horizontal(now - place.rest, key[1], sample))
+            while len(place.path) > 1 and place.path[1][0] <= time_s - HISTORY_S:
+                place.path.popleft()
+        speed = place.farthest_m / max(place.progress_s - place.rest_s, 1e-9)
+        pause_s = max(limits.min_duration_s, 2.0 * limits.still_m / max(speed, 1e-9))
+        if time_s - place.progress_s > pause_s or time_s - self._stopped_s(place) >= pause_s:
+            if place.event is not None:
+                self._end(place)
+                self._places[key] = _Place(now, time_s)
+            elif time_s - place.progress_s > pause_s:  # it may go on: the distance from where it rested counts
+                place.path.clear()
+                if place.farthest_m < limits.still_m:
+                    self._places[key] = _Place(now, time_s)
 
-    def _speeds(self, rows: Indices, sample: MotionSample) -> dict[BodyId, tuple[float, BodyId | None]]:
-        """The speed of bodies along their supports, as mean over the window, but not before they had it [m/s].
+    def _report(
+        self, id: BodyId, keys: list[tuple[BodyId, BodyId | None]], sample: MotionSample, agent: str | None
+    ) -> None:
+        """Adds the slide of a body that has moved far enough along all its supports.
 
-        Of several supports the one counts along which a body is slowest: what rests on two bodies and moves along one
-        of them is carried by the other one.
+        What rests on two bodies and moves along one of them is carried by the other one.
         """
-        table, history = sample.table, sample.history
-        pairs: list[tuple[int, BodyId | None, int]] = []
-        starts: list[int] = []
-        window = next((number for number, each in enumerate(history) if each[1] is sample.window[1]), len(history) - 1)
-        for row in rows.tolist():
-            id = table.ids[row]
-            for support in self._contacts.supports_of(id):
-                below = -1 if support is None else table.row[support]
-                if below >= 0 and table.is_mover[below]:
-                    continue
-                since, start = self._contacts.support_begin_s(id, support) - _ROUNDING_S, window
-                while start < len(history) and history[start][0] < since:
-                    start += 1
-                pairs.append((row, support, below))
-                starts.append(start)
-        found: dict[BodyId, tuple[float, BodyId | None]] = {}
-        if not pairs:
-            return found
-        body, below = np.array([(row, base) for row, _, base in pairs], dtype=np.intp).T
-        speeds = np.zeros(len(pairs))
-        for start in set(starts) - {len(history)}:
-            at = np.flatnonzero(np.array(starts) == start)
-            before_s, before = history[start]
-            shift = _shifts(before, sample.poses, body[at], below[at])
-            speeds[at] = np.hypot(shift[:, 0], shift[:, 1]) / max(sample.time_s - before_s, 1e-9)
-        for (row, support, _), speed in zip(pairs, speeds.tolist(), strict=True):
-            id = table.ids[row]
-            run = self._runs.get(id)
-            slowest = found.get(id)
-            kept = run is not None and run.support == support and speed >= self._limits.move_m_s[1]
-            if slowest is None or speed < slowest[0] - (_ROUNDING_M_S if not kept else -_ROUNDING_M_S):
-                found[id] = speed, support
-        return found
+        places = [(key, place) for key in keys if (place := self._places.get(key)) is not None]
+        if not places or any(place.event is not None for _, place in places):
+            return
+        key, place = min(places, key=lambda each: each[1].farthest_m if each[1].path else 0.0)
+        if place.path and place.farthest_m >= self._limits.slide_min_m:
+            begin_s = max(place.rest_s, self._contacts.support_begin_s(*key))
+            place.event = self._log.add(EpisodeEventKind.SLIDE, begin_s, thing=id, other=key[1], agent=agent)
 
     @staticmethod
     def _tilts(rows: Indices, sample: MotionSample) -> Mask:
@@ -514,65 +534,27 @@ class SlideDetector:
         angles = np.arccos(np.clip(up[:, 2], -1.0, 1.0))
         return np.asarray(angles > _TILT_RAD_S * max(sample.time_s - start_s, 1e-9))
 
-    def _onset(self, row: int, support: BodyId | None, sample: MotionSample) -> tuple[float, Array]:
-        """The last time at which a body was where it has been on its support, and that position."""
-        places = [(at, _relative(poses, row, support, sample.table)) for at, poses in sample.history]
-        id = sample.table.ids[row]
-        since = self._contacts.support_begin_s(id, support)
-        since = max(since, self._tilted_s.get(id, since), self._ended_s.get(id, since))
-        places = [place for place in places if place[0] >= since - _ROUNDING_S]
-        if not places:
-            return sample.time_s, _relative(sample.poses, row, support, sample.table)
-        found = places[0]
-        for place in places:
-            if np.linalg.norm(place[1] - places[0][1]) > self._limits.still_m:
+    @staticmethod
+    def _stopped_s(place: _Place) -> float:
+        """The first time from which a body has been where it is now on its support [s]."""
+        found, now = place.path[-1]
+        for time_s, at in reversed(place.path):
+            if np.linalg.norm(at - now) > _RESTS_M:
                 break
-            found = place
+            found = time_s
         return found
 
-    def _follow(self, id: BodyId, sample: MotionSample, speed: float) -> None:
-        """Continues a motion; a speed of 0 [m/s] means that it does not slide now."""
-        run, limits = self._runs[id], self._limits
-        row = sample.table.row.get(id)
-        gone = row is None or sample.jumped[row] or (run.support is not None and run.support not in sample.table.row)
-        if gone:
-            self._stop(id, sample.time_s - sample.step_s)
-            return
-        assert row is not None
-        if speed >= limits.move_m_s[1]:
-            place = _relative(sample.poses, row, run.support, sample.table)
-            run.farthest_m = max(run.farthest_m, _horizontal(place - run.start, run.support, sample))
-            run.stopped_s = None
-            return
-        if run.stopped_s is None:
-            run.stopped_s = self._stopped_s(row, run, sample)
-        if sample.time_s - run.stopped_s >= limits.min_duration_s:
-            self._stop(id)
-
-    def _stopped_s(self, row: int, run: _SlideRun, sample: MotionSample) -> float:
-        """The first time from which a body has been where it is now on its support, or lost its support [s]."""
-        id = sample.table.ids[row]
-        if not self._contacts.is_supported_by(id, run.support):
-            return max(run.begin_s, self._contacts.support_end_s(id, run.support, sample.time_s))
-        now = _relative(sample.poses, row, run.support, sample.table)
-        found = sample.time_s
-        for at, poses in reversed(sample.history):
-            if np.linalg.norm(_relative(poses, row, run.support, sample.table) - now) > self._limits.still_m:
-                break
-            found = at
-        return max(found, run.begin_s)
-
-    def _stop(self, id: BodyId, time_s: float | None = None) -> None:
-        run = self._runs.pop(id)
-        end_s = run.stopped_s if run.stopped_s is not None else time_s
-        assert end_s is not None
-        self._ended_s[id] = end_s
-        if run.event is not None:
-            text = f"It moved by {run.farthest_m:.3f} m relative to {run.support or 'the ground'}, which supported it."
-            self._log.end(run.event, end_s, amount=run.farthest_m, evidence=(text,))
+    def _end(self, place: _Place, time_s: float | None = None) -> None:
+        if place.event is not None:
+            support = self._log.event(place.event).other
+            text = f"It moved by {place.farthest_m:.3f} m relative to {support or 'the ground'}, which supported it."
+            end_s = self._stopped_s(place) if time_s is None else time_s
+            self._log.end(place.event, end_s, amount=place.farthest_m, evidence=(text,))
+            place.event = None
 
 
-_ROUNDING_M_S = 1e-6
+_RESTS_M = 0.0005
+"""A body that is displaced by less rests [m]: begins and ends of slides are dated by it."""
 _TILT_RAD_S = 0.5
 """Speed at which the vertical axis of a body turns from which it tips rather than slides [rad/s]."""
 
@@ -584,17 +566,6 @@ def _relative(poses: PoseArray, row: int, support: BodyId | None, table: BodyTab
         return np.array(position)
     base = poses[table.row[support]]
     return quat_rotate(quat_conjugate(base[3:]), position - base[:3])
-
-
-def _shifts(before: PoseArray, now: PoseArray, rows: Indices, supports: Indices) -> Array:
-    """How far bodies have moved relative to their supports, k x 3, in the world frame [m]; a support of -1 rests."""
-    shifts = now[rows, :3] - before[rows, :3]
-    moved = np.flatnonzero((supports >= 0) & np.any(now[supports] != before[supports], axis=1))
-    if len(moved):
-        base, body = supports[moved], rows[moved]
-        local = quat_rotate(quat_conjugate(before[base, 3:]), before[body, :3] - before[base, :3])
-        shifts[moved] = now[body, :3] - now[base, :3] - quat_rotate(now[base, 3:], local)
-    return np.asarray(shifts)
 
 
 def _horizontal(shift: Array, support: BodyId | None, sample: MotionSample) -> float:

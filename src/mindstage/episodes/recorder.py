@@ -1,7 +1,8 @@
 """Recording: a running simulation is written to an episode file.
 
 The engine thread only takes references to the published arrays, at the rate of the recording and after each edit; a
-thread of the recorder finds what has changed, and writes it. What is older than a second is on the disk.
+thread of the recorder finds what has changed, and writes it. What is older than a second is on the disk. Events are
+detected in another thread: states are recorded whatever happens there.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from queue import SimpleQueue
 from threading import Event, Lock, Thread
 from typing import Any, NamedTuple, Protocol
 
@@ -31,6 +33,7 @@ from mindstage.episodes.geometry_file import encode_geometry
 from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFileWriter
 from mindstage.episodes.messages import ChunkHead, EpisodeEncoder, EpisodeTopic
 from mindstage.episodes.recording import (
+    FAULT_EDIT,
     DriveState,
     EpisodeEdit,
     EpisodeEvent,
@@ -39,7 +42,7 @@ from mindstage.episodes.recording import (
     Recording,
 )
 from mindstage.episodes.structure import WorldStructure
-from mindstage.errors import EpisodeError, EpisodeFileError, MapWriteError, MindstageError
+from mindstage.errors import EpisodeError, EpisodeFileError, MindstageError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps.io.write import write_map
 from mindstage.ranges import Frequency, checked
@@ -48,7 +51,7 @@ from mindstage.scene import BodyGeometry, BodyId, GeometryMap, Mobility, World
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import SKILL_EDIT, as_client
 
-__all__ = ["EpisodeHeader", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
+__all__ = ["FINAL_EVENTS", "EpisodeHeader", "RecordedState", "Recorder", "RecordingFolder", "write_episode"]
 
 _POLL_S = 0.1
 """Wall time between two turns of the writing thread [s]."""
@@ -56,13 +59,20 @@ _CHUNK_WALL_S = 0.6
 """Wall time after which a chunk is written, so that a killed process loses less than a second."""
 _CHUNK_FRAMES = 120
 """Seeking decodes a chunk."""
+_CHUNK_S = 4.5
+"""Episode time of a chunk: damage costs as much [s]."""
 _CHUNK_BYTES = 1 << 20
 _BASE_S = 30.0
 """Episode time after which a chunk begins with the state of all bodies."""
 _MAX_RATE_HZ = 1000.0
+FINAL_EVENTS = "events.json.zst"
+"""The attachment with the final events."""
 _MAX_RESTING_FRAMES = 30
 """Frames without any change after which no more are searched for events until something moves."""
 _STOP_TIMEOUT_S = 60.0
+"""Wall time without any progress after which it is an error that a file is not finished [s]."""
+_WAIT_S = 1.0
+"""Wall time between two looks at the progress [s]."""
 _DRIVE_DIGITS = (7, 5, 3)
 """Digits after the point of positions, velocities and efforts, so that a robot at rest is written once."""
 _NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
@@ -159,6 +169,10 @@ class Recorder:
         self._wake = Event()
         self._has_ended = False
         self._error: Exception | None = None
+        self._raised = False
+        self._fault: EpisodeError | None = None
+        self._progress = 0
+        """Counts what was written."""
         self._stopped = False
         self._frames = 0
         capabilities = simulation.engine.capabilities
@@ -173,16 +187,15 @@ class Recorder:
         self._performances: dict[str, EpisodeEvent] = {}
         """The skills that are being performed."""
         self._performed = 0
-        header = EpisodeHeader(
-            episode=uuid.uuid4().hex,
-            start_unix_s=time.time(),
-            engine=simulation.engine.name,
-            rate_hz=rate_hz,
-            has_joints=self._has_joints,
-            has_contacts=self._has_contacts,
-            has_events=events,
+        header = self._header(rate_hz, has_events=events)
+        self._detection = _DetectionThread(self._pending.append, self._on_fault) if events else None
+        self._writer = _EpisodeWriter(
+            EpisodeFileWriter(self.path),
+            header,
+            simulation.knowledge,
+            on_fault=self._on_fault,
+            detection=self._detection,
         )
-        self._writer = _EpisodeWriter(EpisodeFileWriter(self.path), header, simulation.knowledge, detects=events)
         self._thread = Thread(target=self._write, name="mindstage-recorder", daemon=True)
         self._thread.start()
         self._remove = simulation.observers.add(self)
@@ -195,10 +208,35 @@ class Recorder:
         simulation.on_close(self.stop)
         simulation.observers.recorder = self
 
+    def _header(self, rate_hz: float, *, has_events: bool) -> EpisodeHeader:
+        return EpisodeHeader(
+            episode=uuid.uuid4().hex,
+            start_unix_s=time.time(),
+            engine=self._simulation.engine.name,
+            rate_hz=rate_hz,
+            has_joints=self._has_joints,
+            has_contacts=self._has_contacts,
+            has_events=has_events,
+        )
+
     @property
     def recording(self) -> bool:
         """Whether it is still recording: neither stopped nor failed."""
         return not self._stopped and self._error is None
+
+    @property
+    def error(self) -> EpisodeError | None:
+        """Why the recording has failed, else the first fault of what is derived from it; None if there is neither.
+
+        In spite of a fault, such as one in the detection of events, the recording goes on.
+        """
+        if self._error is None:
+            return self._fault
+        if isinstance(self._error, EpisodeError):
+            return self._error
+        error = EpisodeFileError(str(self.path), cause=f"recording failed: {self._error}")
+        error.__cause__ = self._error
+        return error
 
     @property
     def frames(self) -> int:
@@ -225,14 +263,12 @@ class Recorder:
             self._stopped = True
             self._remove()
             self._end()
-        self._thread.join(_STOP_TIMEOUT_S)
-        if self._thread.is_alive():
-            raise EpisodeFileError(str(self.path), cause=f"it could not be finished within {_STOP_TIMEOUT_S:g} s")
-        if self._error is not None:
-            cause, self._error = self._error, None
-            if isinstance(cause, EpisodeError):
-                raise cause
-            raise EpisodeFileError(str(self.path), cause=f"recording failed: {cause}") from cause
+        if not self._await(self._has_ended_within):
+            raise EpisodeFileError(str(self.path), cause=f"nothing was written for {_STOP_TIMEOUT_S:g} s")
+        if self._error is not None and not self._raised:
+            self._raised = True
+            assert self.error is not None
+            raise self.error
 
     def flush(self) -> None:
         """Writes everything that was recorded so far, so that the file can be read.
@@ -240,11 +276,40 @@ class Recorder:
         Raises:
             EpisodeFileError: it was not written in time.
         """
-        written = Event()
-        self._pending.append(written)
-        self._wake.set()
-        if self.recording and not written.wait(_STOP_TIMEOUT_S) and self.recording:
-            raise EpisodeFileError(str(self.path), cause=f"it could not be written within {_STOP_TIMEOUT_S:g} s")
+        for _ in range(2):  # the events of what is written first are written, too
+            written = Event()
+            self._pending.append(written)
+            self._wake.set()
+            if not self._await(partial(self._is_written_within, written)):
+                raise EpisodeFileError(str(self.path), cause=f"nothing was written for {_STOP_TIMEOUT_S:g} s")
+            if self._detection is not None:
+                self._await(self._detection.wait)
+
+    def _is_written_within(self, written: Event, timeout_s: float) -> bool:
+        return written.wait(timeout_s) or not self.recording
+
+    def _has_ended_within(self, timeout_s: float) -> bool:
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _await(self, is_done: Callable[[float], bool]) -> bool:
+        """Waits in steps of some time [s] until something is done; gives up if nothing is written for long."""
+        progress, since_s = self._progress, time.monotonic()
+        while not is_done(_WAIT_S):
+            seen = self._progress + (self._detection.frames if self._detection is not None else 0)
+            if seen != progress:
+                progress, since_s = seen, time.monotonic()
+            elif time.monotonic() - since_s >= _STOP_TIMEOUT_S:
+                return False
+        return True
+
+    def _on_fault(self, part: str, cause: str) -> None:
+        """Notes that something that is derived from the recording could not be made; called in any thread."""
+        if self._fault is None:
+            self._fault = EpisodeError(f"{self.path}: {part}: {cause}; the states are recorded all the same")
+        _log.error("%s: %s: %s", self.path, part, cause)
+        details = {"part": part, "cause": cause}
+        self._pending.append(EpisodeEdit(time_s=self.time_s, kind=FAULT_EDIT, client="recorder", details=details))
 
     def __enter__(self) -> Recorder:
         return self
@@ -435,15 +500,28 @@ class Recorder:
                 self._writer.flush_if_due()
                 if self._writer.work():
                     self._wake.set()
-            while self._pending:
-                self._write_item(self._pending.popleft())
+                self._progress += 1
+            self._write_rest()
+            self._writer.flush()
+            if self._detection is not None and not self._await(self._detection.finish):
+                self._on_fault("events", f"the detection has made no progress for {_STOP_TIMEOUT_S:g} s")
+            self._write_rest()
+            if self._detection is not None:
+                self._writer.add_final_events(self._detection.final_events)
             self._writer.finish()
+            self._write_rest()  # faults of what is written at the end
+            self._writer.close()
         except Exception as error:
             self._error = self._error or error
             _log.exception("recording of %s failed", self.path)
             self._writer.abort()
 
+    def _write_rest(self) -> None:
+        while self._pending:
+            self._write_item(self._pending.popleft())
+
     def _write_item(self, item: _Capture | EpisodeEdit | EpisodeEvent | Event) -> None:
+        self._progress += 1
         match item:
             case _Capture():
                 self._writer.add_frame(item)
@@ -518,13 +596,103 @@ class RecordingFolder:
         return recorder.path
 
 
+class _DetectionThread:
+    """Detects events in frames, in a thread that ends when it is finished or the process ends."""
+
+    def __init__(self, on_event: Callable[[EpisodeEvent], object], on_fault: Callable[[str, str], object]) -> None:
+        """Starts the thread, in which the functions are called with an event, and with a part and a cause."""
+        self._on_event, self._on_fault = on_event, on_fault
+        self._geometry: dict[BodyId, BodyGeometry] = {}
+        """The geometry of all bodies so far."""
+        self.frames = 0
+        """The number of frames that are done."""
+        self.final_events: tuple[EpisodeEvent, ...] | None = None
+        """All events, when it has ended; None before, and if it could not be ended."""
+        self._detector = EventDetector(geometry=self._geometry)
+        self._faults = 0
+        self._queue: SimpleQueue[GeometryMap | EpisodeFrame | Event | None] = SimpleQueue()
+        self._last: EpisodeFrame | None = None
+        self._skipped: EpisodeFrame | None = None
+        self._resting_frames = 0
+        self._thread = Thread(target=self._run, name="mindstage-events", daemon=True)
+        self._thread.start()
+
+    def add(self, frame: EpisodeFrame, *, has_moved: bool, geometry: GeometryMap | None) -> None:
+        """Takes a frame; long rests are left out, apart from their begin and their last frame."""
+        if geometry is not None:
+            self._queue.put(geometry)
+        before, self._last = self._last, frame
+        is_resting = (
+            before is not None
+            and not has_moved
+            and frame.contacts == before.contacts
+            and frame.structure is before.structure
+        )
+        self._resting_frames = self._resting_frames + 1 if is_resting else 0
+        if self._resting_frames > _MAX_RESTING_FRAMES:
+            self._skipped = frame
+            return
+        self._add_skipped()
+        self._queue.put(frame)
+
+    def _add_skipped(self) -> None:
+        if self._skipped is not None:
+            self._queue.put(self._skipped)
+            self._skipped = None
+
+    def wait(self, timeout_s: float) -> bool:
+        """Waits until all frames so far are done, for some time [s]; returns whether they are."""
+        done = Event()
+        self._queue.put(done)
+        return done.wait(timeout_s) or not self._thread.is_alive()
+
+    def finish(self, timeout_s: float) -> bool:
+        """Ends the detection; waits for that for some time [s], and returns whether it has ended."""
+        if self._last is not None:
+            self._add_skipped()
+            self._last = None
+            self._queue.put(None)
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        try:
+            while (item := self._queue.get()) is not None:
+                match item:
+                    case EpisodeFrame():
+                        self._take(self._detector.update(item))
+                        self.frames += 1
+                    case Event():
+                        item.set()
+                    case _:
+                        self._geometry.update(item)
+            self._take(self._detector.finish())
+            self.final_events = self._detector.events
+        except Exception as error:  # such as one of memory
+            self._on_fault("events", f"the detection ended: {type(error).__name__}: {error}")
+
+    def _take(self, events: Iterable[EpisodeEvent]) -> None:
+        for event in events:
+            self._on_event(event)
+        for fault in self._detector.faults[self._faults :]:
+            self._on_fault("events", f"the detection failed at {fault.begin_s:g} s: {fault.cause}")
+        self._faults = len(self._detector.faults)
+
+
 class _EpisodeWriter:
     """Writes frames and edits to a file: only what has changed, and at the begin of each chunk what is needed."""
 
     def __init__(
-        self, file: EpisodeFileWriter, header: EpisodeHeader, knowledge: KnowledgeBase, *, detects: bool
+        self,
+        file: EpisodeFileWriter,
+        header: EpisodeHeader,
+        knowledge: KnowledgeBase,
+        *,
+        on_fault: Callable[[str, str], object],
+        detection: _DetectionThread | None = None,
     ) -> None:
         self._file, self._header, self._knowledge = file, header, knowledge
+        self._on_fault, self._detection = on_fault, detection
         self._encode = EpisodeEncoder()
         self._structure: WorldStructure | None = None
         self._poses: PoseArray = np.zeros((0, 7))
@@ -535,23 +703,19 @@ class _EpisodeWriter:
         self._number = -1
         self._base = 0
         self._base_ns = 0
-        self._complete = -1
-        """The number of the last structure that was written as a whole."""
+        self._complete = (-1, -1)
+        """The number of the last structure that was written as a whole, and the first chunk with it."""
+        self._changes: list[bytes] = []
+        """The changes of the structure in the chunk in progress, which the next one repeats."""
+        self._chunk_ns = 0
         self._changed_bodies: set[BodyId] = set()
         """The bodies that have moved since the last base chunk."""
         self._changed_joints: set[BodyId] = set()
         self._knowledge_digest = b""
-        self._jobs: deque[Callable[[], None]] = deque()
+        self._jobs: deque[partial[None]] = deque()
         self._geometry_keys: set[str] = set()
-        self._geometry_of: dict[BodyId, BodyGeometry] = {}
-        """The geometry of all bodies so far, which the detection of events reads."""
         self._attached: dict[BodyId, BodyGeometry] = {}
         """That which is in the file."""
-        self._detected: EpisodeFrame | None = None
-        """The last frame, whether events were detected in it or it was skipped."""
-        self._skipped: EpisodeFrame | None = None
-        self._resting_frames = 0
-        self._detector = EventDetector(geometry=self._geometry_of) if detects else None
         self._geometry_files = 0
         self._open_since_s: float | None = None
         self._chunk_frames = 0
@@ -581,12 +745,18 @@ class _EpisodeWriter:
         assert self._structure is not None
         self._open_since_s, self._chunk_frames, self._chunk_bytes = time.monotonic(), 0, 0
         self._number += 1
+        self._chunk_ns = self._time_ns
         is_base = self._number == 0 or self._time_ns - self._base_ns >= _BASE_S * 1e9
         if is_base:
             self._base, self._base_ns = self._number, self._time_ns
             self._changed_bodies, self._changed_joints = set(), set()
-        repeated = self._whole_state() if is_base else self._changed_state()
-        head = ChunkHead(self._header.episode, self._number, self._base, self._structure.number, len(repeated))
+        # The chunk after a base is one, too: what follows can be read without either of them.
+        is_whole = self._number - self._base <= 1
+        repeated = self._whole_state() if is_whole else self._changed_state()
+        self._changes = []
+        base = self._number if is_whole else self._base
+        structure = self._structure
+        head = ChunkHead(self._header.episode, self._number, base, structure.number, structure.digest, len(repeated))
         self._add(EpisodeTopic.CHUNKS, self._encode.chunk(head))
         for topic, data in repeated:
             self._add(topic, data)
@@ -595,8 +765,9 @@ class _EpisodeWriter:
         structure, time_ns = self._structure, self._time_ns
         assert structure is not None
         messages = []
-        if self._complete < structure.number:
-            self._complete = structure.number
+        number, chunk = self._complete
+        if number < structure.number or chunk == self._number - 1:  # twice in a row
+            self._complete = (structure.number, self._number if number < structure.number else chunk)
             messages.append((EpisodeTopic.WORLD, self._encode.world(time_ns, structure.complete_record())))
         moving: list[int] = []
         fixed: list[int] = []
@@ -621,7 +792,7 @@ class _EpisodeWriter:
     def _changed_state(self) -> list[tuple[EpisodeTopic, bytes]]:
         structure, time_ns = self._structure, self._time_ns
         assert structure is not None
-        messages = []
+        messages = [(EpisodeTopic.WORLD, change) for change in self._changes]
         if rows := sorted(structure.rows[id] for id in self._changed_bodies if id in structure.rows):
             ids = [structure.ids[row] for row in rows]
             messages.append((EpisodeTopic.TF, self._encode.transforms(time_ns, ids, self._poses[rows])))
@@ -648,6 +819,8 @@ class _EpisodeWriter:
         if self._structure is None:
             self._add_first_frame(capture)
             return
+        if self._open_since_s is not None and capture.time_ns - self._chunk_ns > _CHUNK_S * 1e9:
+            self.flush()
         if self._open_since_s is None:
             self._begin_chunk()
         self._time_ns = time_ns = capture.time_ns
@@ -680,38 +853,20 @@ class _EpisodeWriter:
     def _end_frame(self, capture: _Capture) -> None:
         self._add(EpisodeTopic.CLOCK, self._encode.clock(self._time_ns))
         self._chunk_frames += 1
-        if self._detector is not None:
-            self._detect(self._detector, capture)
-
-    def _detect(self, detector: EventDetector, capture: _Capture) -> None:
-        """Detects events; long rests are left out, apart from their begin and their last frame."""
-        assert self._structure is not None
-        frame = EpisodeFrame(
-            time_s=self._time_ns / 1e9,
-            structure=self._structure.world,
-            ids=self._structure.ids,
-            poses=capture.poses,
-            joint_positions=capture.joints,
-            contacts=capture.contacts,
-            drives=capture.drives,
-            unmoved_poses=self._structure.unmoved_poses,
-        )
-        before, self._detected = self._detected, frame
-        is_resting = (
-            before is not None
-            and capture.moved is not None
-            and not len(capture.moved)
-            and frame.contacts == before.contacts
-            and frame.structure is before.structure
-        )
-        self._resting_frames = self._resting_frames + 1 if is_resting else 0
-        if self._resting_frames > _MAX_RESTING_FRAMES:
-            self._skipped = frame
-            return
-        if self._skipped is not None:
-            self._add_events(detector.update(self._skipped))
-            self._skipped = None
-        self._add_events(detector.update(frame))
+        if self._detection is not None:
+            assert self._structure is not None
+            frame = EpisodeFrame(
+                time_s=self._time_ns / 1e9,
+                structure=self._structure.world,
+                ids=self._structure.ids,
+                poses=capture.poses,
+                joint_positions=capture.joints,
+                contacts=capture.contacts,
+                drives=capture.drives,
+                unmoved_poses=self._structure.unmoved_poses,
+            )
+            has_moved = capture.moved is None or len(capture.moved) > 0
+            self._detection.add(frame, has_moved=has_moved, geometry=capture.geometry)
 
     def _add_events(self, events: Iterable[EpisodeEvent]) -> None:
         for event in events:
@@ -724,9 +879,9 @@ class _EpisodeWriter:
         if capture.structure is not None:
             if (followed := before.followed_by(capture.structure)) is not None:
                 self._structure, record = followed
-                self._add(EpisodeTopic.WORLD, self._encode.world(self._time_ns, record))
+                self._changes.append(self._encode.world(self._time_ns, record))
+                self._add(EpisodeTopic.WORLD, self._changes[-1])
             if capture.geometry is not None:
-                self._geometry_of |= capture.geometry
                 self._jobs.append(partial(self._add_geometry, capture.geometry, capture.structure.world))
         assert self._structure is not None
         if capture.moved is not None:
@@ -746,12 +901,11 @@ class _EpisodeWriter:
         self._file.add_attachment("episode.json", "application/json", msgspec.json.encode(self._header))
         values = msgspec.to_builtins(self._header, str_keys=True)
         self._file.add_metadata("mindstage", {name: str(value) for name, value in values.items()})
-        self._geometry_of |= capture.geometry or {}
         self._begin_chunk()
         self._end_frame(capture)
         self.flush()
         self._jobs.append(partial(self._add_map, "map-begin.owl.zst", self._structure.frame(self._poses)))
-        self._jobs.append(self._add_knowledge)
+        self._jobs.append(partial(self._add_knowledge))
         self._jobs.append(partial(self._add_geometry, capture.geometry or {}, self._structure.world))
 
     def work(self, *, all: bool = False) -> bool:
@@ -760,27 +914,25 @@ class _EpisodeWriter:
         These are the attachments: a whole kitchen as OWL and its meshes take longer than a frame may wait.
         """
         while self._jobs:
-            self._jobs.popleft()()
+            job = self._jobs.popleft()
+            try:
+                job()
+            except OSError:  # the disk is full, for example
+                raise
+            except Exception as error:  # what is derived must not end a recording
+                self._on_fault(job.func.__name__.removeprefix("_add_"), f"{type(error).__name__}: {error}")
             if not all:
                 break
         return bool(self._jobs)
 
     def _add_map(self, name: str, frame: EpisodeFrame) -> None:
         """Attaches a world as a semantic map."""
-        try:
-            text = write_map(frame.world())
-        except MapWriteError as error:
-            _log.warning("%s has no %s: %s", self._file.path, name, error)
-            return
+        text = write_map(frame.world())
         self._file.add_attachment(name, "application/rdf+xml+zstd", text.encode(), time_ns=self._time_ns)
 
     def _add_knowledge(self) -> None:
         """Attaches the knowledge base, if it has changed since it was attached."""
-        try:
-            content = self._knowledge.to_bytes()
-        except MindstageError as error:
-            _log.warning("%s cannot be asked without the knowledge base: %s", self._file.path, error)
-            return
+        content = self._knowledge.to_bytes()
         if (digest := hashlib.sha256(content).digest()) != self._knowledge_digest:
             self._knowledge_digest = digest
             name = "knowledge.msgpack.zst"
@@ -809,11 +961,7 @@ class _EpisodeWriter:
             attachments=(),
             lights=world.lights if self._geometry_files == 1 else (),
         )
-        try:
-            content = world_to_glb(world, geometry=geometry).data
-        except MapWriteError as error:
-            _log.warning("%s has no %s: %s", self._file.path, name, error)
-            return
+        content = world_to_glb(world, geometry=geometry).data
         self._file.add_attachment(name, "model/gltf-binary+zstd", content, time_ns=self._time_ns)
 
     def add_edit(self, edit: EpisodeEdit) -> None:
@@ -834,19 +982,23 @@ class _EpisodeWriter:
 
     # -- the end -------------------------------------------------------------------------------------------------------
 
+    def add_final_events(self, events: tuple[EpisodeEvent, ...] | None) -> None:
+        """Attaches the events of the whole recording, which replace the provisional ones; does nothing with None."""
+        if events is not None and self._structure is not None:
+            content = msgspec.json.encode(events)
+            self._file.add_attachment(FINAL_EVENTS, "application/json+zstd", content, time_ns=self._time_ns)
+
     def finish(self) -> None:
-        """Writes the rest of the file."""
-        if self._detector is not None and self._structure is not None:
-            last = () if self._skipped is None else self._detector.update(self._skipped)
-            if last := (*last, *self._detector.finish()):
-                if self._open_since_s is None:
-                    self._begin_chunk()
-                self._add_events(last)
+        """Writes the rest of the file but its index."""
         self.flush()
         if self._structure is not None:
             self._jobs.append(partial(self._add_map, "map-end.owl.zst", self._structure.frame(self._poses)))
-            self._jobs.append(self._add_knowledge)
+            self._jobs.append(partial(self._add_knowledge))
             self.work(all=True)
+
+    def close(self) -> None:
+        """Writes the open chunk and the index."""
+        self.flush()
         self._file.close()
 
     def abort(self) -> None:
@@ -892,7 +1044,11 @@ def write_episode(
         source=source or recording.name,
     )
     events, edits = deque(recording.events()), deque(recording.edits())
-    writer = _EpisodeWriter(EpisodeFileWriter(Path(path)), header, knowledge, detects=False)
+
+    def on_fault(part: str, cause: str) -> None:
+        _log.error("%s: %s: %s", path, part, cause)
+
+    writer = _EpisodeWriter(EpisodeFileWriter(Path(path)), header, knowledge, on_fault=on_fault)
     structure: World | None = None
     try:
         for frame in chain([first], frames):
@@ -918,6 +1074,7 @@ def write_episode(
                 begun.append(_shifted(events.popleft(), -recording.begin_s))
             writer.add_events(begun)
         writer.finish()
+        writer.close()
     except BaseException:
         writer.abort()
         raise

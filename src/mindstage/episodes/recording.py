@@ -24,16 +24,21 @@ from mindstage.scene.edits import Edit, edit_from_json
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_from_array, quat_angle
 
 __all__ = [
+    "FAULT_EDIT",
     "RESTING_TOLERANCE",
     "DriveState",
     "EpisodeEdit",
     "EpisodeEvent",
     "EpisodeEventKind",
     "EpisodeFrame",
+    "EventState",
     "FrameRecording",
     "Recording",
 ]
 
+FAULT_EDIT = "fault"
+"""The kind of an edit that states that something that is derived from a recording could not be made; its details are
+the part, such as "events", and the cause."""
 RESTING_TOLERANCE = 1e-3
 """A body that was moved when it was spawned keeps its described pose within this of the pose it got [m, rad]."""
 _ROUNDING = 1e-12
@@ -136,6 +141,17 @@ class EpisodeEventKind(StrEnum):
     """A robot performs a skill."""
 
 
+class EventState(StrEnum):
+    """How certain an event is."""
+
+    PROVISIONAL = "provisional"
+    """It was found while the recording ran; what came later may end it, change it or withdraw it."""
+    WITHDRAWN = "withdrawn"
+    """It was found while the recording ran, and was none."""
+    FINAL = "final"
+    """It follows from the whole recording."""
+
+
 class EpisodeEvent(msgspec.Struct, frozen=True, kw_only=True):
     """Something that happened, with its participants, its interval, and what it was concluded from."""
 
@@ -158,6 +174,8 @@ class EpisodeEvent(msgspec.Struct, frozen=True, kw_only=True):
     of opening and closing the travel of the joint [m] or [rad]."""
     evidence: tuple[str, ...] = ()
     """What the event was concluded from, one sentence each, with measured values."""
+    state: EventState = EventState.FINAL
+    """Events of a recording that runs, or was interrupted, are provisional."""
 
 
 class EpisodeEdit(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,13 +1,15 @@
 """The structure of a recorded world: everything but the poses, and its changes as JSON.
 
 A `WorldStructure` is written once and then as changes: bodies that were added or edited, and the parts of the world
-other than bodies if one of them was.
+other than bodies if one of them was. Each has a digest of all that it was made from, so that a reader notices if it
+puts together what does not belong together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from hashlib import blake2b
 
 import msgspec
 import numpy as np
@@ -55,6 +57,7 @@ class WorldStructure:
         *,
         spawned: tuple[World, ...],
         immovable: frozenset[BodyId],
+        digest: str = "",
     ) -> None:
         """Takes the parts.
 
@@ -64,8 +67,10 @@ class WorldStructure:
             unmoved_poses: see `EpisodeFrame`.
             spawned: the worlds that were spawned until then.
             immovable: see `Spawn`.
+            digest: see `EpisodeWorld.msg`; by default that of the first structure.
         """
         self.number = number
+        self._digest = digest
         self.world = world
         self.ids = tuple(body.id for body in world.bodies)
         self.unmoved_poses = unmoved_poses
@@ -108,10 +113,19 @@ class WorldStructure:
             time_s=0.0, structure=self.world, ids=self.ids, poses=poses, unmoved_poses=self.unmoved_poses
         )
 
+    @cached_property
+    def digest(self) -> str:
+        """See `EpisodeWorld.msg`."""
+        return self._digest or _digest("", self._complete_json)
+
     # -- changes -------------------------------------------------------------------------------------------------------
 
     def complete_record(self) -> WorldRecord:
         """The whole structure."""
+        return WorldRecord(self.number, True, self._complete_json, self.digest)
+
+    @cached_property
+    def _complete_json(self) -> bytes:
         change = _WorldChange(
             world=replace(self.world, bodies=()),
             ids=self.ids,
@@ -120,7 +134,7 @@ class WorldStructure:
             spawned=self.spawned,
             immovable=tuple(sorted(self.immovable)),
         )
-        return WorldRecord(self.number, True, _ENCODER.encode(change))
+        return _ENCODER.encode(change)
 
     def followed_by(self, later: WorldStructure) -> tuple[WorldStructure, WorldRecord] | None:
         """The structure that follows, as it is read from a file, and the record for it; None if nothing has changed.
@@ -156,8 +170,9 @@ class WorldStructure:
         )
         if change == _WorldChange(spawned_before=len(self.spawned)):
             return None
-        record = WorldRecord(self.number + 1, False, _ENCODER.encode(change))
-        return self._changed(change), record
+        json = _ENCODER.encode(change)
+        record = WorldRecord(self.number + 1, False, json, _digest(self.digest, json))
+        return self._changed(change, record.digest), record
 
     def after(self, record: WorldRecord) -> WorldStructure:
         """The structure after a change.
@@ -167,7 +182,9 @@ class WorldStructure:
         """
         if record.number != self.number + 1:
             raise ValueError(f"world {record.number} cannot follow world {self.number}")
-        return self._changed(_DECODER.decode(record.json))
+        if record.digest != _digest(self.digest, record.json):
+            raise ValueError(f"world {record.number} follows another world {self.number}")
+        return self._changed(_DECODER.decode(record.json), record.digest)
 
     @classmethod
     def from_record(cls, record: WorldRecord) -> WorldStructure:
@@ -181,9 +198,9 @@ class WorldStructure:
         if empty is None:
             raise ValueError("a complete world has no statements")
         none = cls(record.number - 1, empty, np.zeros((0, 7)), spawned=(), immovable=frozenset())
-        return none._changed(change)
+        return none._changed(change, record.digest)
 
-    def _changed(self, change: _WorldChange) -> WorldStructure:
+    def _changed(self, change: _WorldChange, digest: str) -> WorldStructure:
         if len(change.unmoved_poses) != len(change.bodies) or change.spawned_before > len(self.spawned):
             raise ValueError("a change of the world is not consistent")
         bodies = {body.id: body for body in (*self.world.bodies, *change.bodies)}
@@ -199,7 +216,12 @@ class WorldStructure:
             np.array([poses[id] for id in ids], dtype=float).reshape(-1, 7),
             spawned=(*self.spawned[: change.spawned_before], *change.spawned),
             immovable=self.immovable if change.immovable is None else frozenset(change.immovable),
+            digest=digest,
         )
+
+
+def _digest(before: str, json: bytes) -> str:
+    return blake2b(before.encode() + json, digest_size=16).hexdigest()
 
 
 def _is_same(expected: Body | None, body: Body) -> bool:

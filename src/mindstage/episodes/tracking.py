@@ -7,8 +7,9 @@ noisy localization without shifting a motion in time; the price is one frame of 
 
 from __future__ import annotations
 
+import re
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -25,7 +26,7 @@ from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array, normalize, pose_array, pose_inverse, pose_multiply
 from mindstage.scene.world_model import AxisMotion
 
-__all__ = ["BodyTable", "DetectionThresholds", "JointTable", "MotionSample", "MotionTracker", "lengths"]
+__all__ = ["AgentTracker", "BodyTable", "DetectionThresholds", "JointTable", "MotionSample", "MotionTracker", "lengths"]
 
 Mask = NDArray[np.bool_]
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -214,6 +215,8 @@ class BodyTable:
     """n [kg]; NaN if unknown."""
     group: Indices
     """The row of the root of each body's rigid group."""
+    is_jointed: Mask
+    """Whether a joint holds the rigid group of the body."""
     is_dynamic: Mask
     """Whether the engine simulates the rigid group of the body."""
     is_free: Mask
@@ -225,6 +228,10 @@ class BodyTable:
     """Whether it is a body that others can be held by: moved by commands, or a link of a robot."""
     mover: Indices
     """The row of the mover that a body is attached to; -1 for none."""
+    is_agent: Mask
+    """Whether a mover is described as an agent, a part of a robot, a hand or a gripper: by tags, joints or names."""
+    base: Indices
+    """The row of the kinematic body that holds a mover by a joint; -1 for none."""
     is_robot_part: Mask
     """Whether it is tagged as a part of a robot, which handles things and is not handled."""
     is_handled: Mask
@@ -259,6 +266,12 @@ class BodyTable:
         is_kinematic = np.array([each is Mobility.KINEMATIC for each in mobility], dtype=bool)
         loose = np.array([each is Mobility.DYNAMIC for each in mobility], dtype=bool)
         robot = {moving for moving, held in joined if is_jointed[held] or is_kinematic[held]}
+        chains = {moving for moving, held in joined if is_jointed[held]}
+        base = np.full(len(bodies), -1, dtype=np.intp)
+        for moving, held in joined:
+            if is_kinematic[held] and not is_jointed[held]:
+                base[group == group[moving]] = held
+        is_named = np.array([not _AGENT_WORDS.isdisjoint(_words(body)) for body in bodies], dtype=bool)
         is_link = np.array([is_robot_part(body) for body in bodies], dtype=bool)
         is_robot = np.isin(group, list(robot)) | is_link
         is_mover = (is_kinematic[group] & ~is_jointed) | is_robot
@@ -280,12 +293,15 @@ class BodyTable:
             sizes=np.array([body.size or (0.0, 0.0, 0.0) for body in bodies], dtype=np.float64).reshape(-1, 3),
             masses=np.array([body.physics.mass_kg or np.nan for body in bodies], dtype=np.float64),
             group=group,
+            is_jointed=is_jointed,
             is_dynamic=is_dynamic,
             is_free=is_free,
             can_move=is_dynamic | is_kinematic[group] | is_jointed | (holder >= 0),
             has_gravity=np.array([body.physics.gravity is not False for body in bodies], dtype=bool),
             is_mover=is_mover,
             mover=holder,
+            is_agent=is_mover & (is_link | is_named | np.isin(group, list(chains))),
+            base=base,
             is_robot_part=is_link,
             is_handled=is_free | (holder >= 0),
             is_subject=(is_free & (group == np.arange(len(group)))) | (holder >= 0),
@@ -303,6 +319,72 @@ class BodyTable:
         if self.ids == before.ids:
             return np.arange(len(self.ids))
         return np.array([before.row.get(id, -1) for id in self.ids], dtype=np.intp)
+
+
+_AGENT_WORDS = frozenset({"agent", "arm", "finger", "gripper", "hand", "human", "person", "robot", "thumb"})
+
+
+def _words(body: Body) -> set[str]:
+    """The words of the name and of the class of a body, in lower case."""
+    names = (body.id, body.cls.rpartition("#")[2].rpartition("/")[2])
+    return {word.lower() for name in names for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
+
+
+class AgentTracker:
+    """Which movers are agents, so that they can hold things: furniture is none, even if it is moved by commands.
+
+    Agents are those that are described as such, those that the caller names, and bodies that have moved by themselves:
+    no contact, joint or gravity explains the motion. That holds for each motion of a kinematic body that is not a jump,
+    and for what it holds by joints.
+    """
+
+    def __init__(self, named: Collection[BodyId]) -> None:
+        self._named = frozenset(named)
+        self._moved: dict[BodyId, float] = {}
+        """When a body had moved by itself [s]."""
+        self._origins: dict[BodyId, Array] = {}
+
+    def update(self, sample: MotionSample) -> Mask:
+        """Takes a sample; returns which bodies are agents."""
+        table = sample.table
+        own = table.is_mover & ~table.is_agent & ~table.is_jointed & (table.group == np.arange(len(table.ids)))
+        for row in np.flatnonzero(own).tolist():
+            id, pose = table.ids[row], sample.poses[row]
+            if id in self._moved:
+                continue
+            if id not in self._origins or sample.jumped[row]:
+                self._origins[id] = pose.copy()
+            origin = self._origins[id]
+            turned = 2.0 * np.arccos(min(abs(float(pose[3:] @ origin[3:])), 1.0))
+            if np.linalg.norm(pose[:3] - origin[:3]) > _SELF_MOVED_M or turned > _SELF_MOVED_RAD:
+                self._moved[id] = sample.time_s
+        found = table.is_agent.copy()
+        rows = [table.row[id] for id in (*self._moved, *self._named) if id in table.row]
+        if rows:
+            found |= np.isin(table.group, table.group[rows]) | np.isin(table.base, rows)
+        return found & table.is_mover
+
+    def reason(self, table: BodyTable, id: BodyId) -> str:
+        """Why a body is an agent, as a sentence."""
+        row = table.row.get(id)
+        if row is not None and table.is_agent[row]:
+            return f"{id} is described as a part of a robot, a hand or a gripper."
+        moved = next((each for each in (id, *self._around(table, row)) if each in self._moved), None)
+        if moved is not None:
+            return f"{moved} moved by itself: no contact, joint or gravity explains its motion."
+        return f"{id} was named as an agent."
+
+    @staticmethod
+    def _around(table: BodyTable, row: int | None) -> tuple[BodyId, ...]:
+        """The root of the group of a body, and the body that holds it by a joint."""
+        return (
+            () if row is None else tuple(table.ids[each] for each in (table.group[row], table.base[row]) if each >= 0)
+        )
+
+
+_SELF_MOVED_M = 0.02
+"""Distance from which a kinematic body has moved [m]: more than the noise of a localization."""
+_SELF_MOVED_RAD = 0.1
 
 
 def _enclosing_bodies(world: World, ids: tuple[BodyId, ...]) -> Mask:

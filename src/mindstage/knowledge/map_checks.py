@@ -173,11 +173,13 @@ def _report_unknown_classes(world: World, source_map: SourceMap, declared: Calla
     ]
     known = set(declared()) if unknown else set()
     unknown = [cls for cls in unknown if cls not in known]
-    by_key = {local_name(cls).lower(): local_name(cls) for cls in sorted(known)}
+    by_key = {local_name(cls).lower(): cls for cls in sorted(known)}
     for cls in unknown[:_MAX_COMPARED]:
-        keys = get_close_matches(local_name(cls).lower(), list(by_key), n=3, cutoff=_MIN_SIMILARITY)
-        if near := [by_key[key] for key in keys]:
-            problem = f"no loaded ontology has the class {local_name(cls)!r}; near: {', '.join(map(repr, near))}"
+        name = local_name(cls)
+        keys = get_close_matches(name.lower(), list(by_key), n=3, cutoff=_MIN_SIMILARITY)
+        if found := [by_key[key] for key in keys]:  # one of the same name in another namespace is named in full
+            near = ", ".join(each if local_name(each) == name else repr(local_name(each)) for each in found)
+            problem = f"no loaded ontology has the class {name!r}; near: {near}"
             source_map.report(Severity.WARNING, cls, TYPE, problem, "its shape follows from its name, else it is a box")
 
 

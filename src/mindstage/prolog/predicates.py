@@ -19,7 +19,13 @@ from typing import Any
 import msgspec
 
 from mindstage.engines import SpawnReport
-from mindstage.errors import InvalidArgumentError, MindstageError, NameNotFoundError, NumberRefusedError
+from mindstage.errors import (
+    InvalidArgumentError,
+    MindstageError,
+    NameNotFoundError,
+    NumberRefusedError,
+    without_surrogates,
+)
 from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.assertion_file import RUNTIME_GRAPH_IRI, Triple, TripleStoreView
@@ -394,6 +400,19 @@ _INVERSE_OF = "inverse_of"
 """Namespaces of the vocabulary of ontologies, whose classes have no members in the index."""
 
 
+def _subfolders(folder: Path) -> list[Path]:
+    """The folders in one, by name, without hidden ones; none if it cannot be read.
+
+    Those whose names are not UTF-8 are left out, because Prolog cannot open them.
+    """
+    try:
+        with os.scandir(folder) as entries:
+            names = [each.name for each in entries if not each.name.startswith(".") and each.is_dir()]
+    except OSError:
+        return []
+    return [folder / name for name in sorted(names) if name == without_surrogates(name)]
+
+
 class RdfPredicates:
     """Handlers of the RDF predicates, as in SWI-Prolog's semweb library and KnowRob."""
 
@@ -414,6 +433,7 @@ class RdfPredicates:
             "owl_description": self.description,
             "owl_parse": self.load_source,
             "ros_package_folder": self.package_folder,
+            "neighbor_folders": self.neighbor_folders,
         }
         self.handlers = {name: self._locked(handler) for name, handler in handlers.items()}
 
@@ -538,6 +558,14 @@ class RdfPredicates:
         """The folder of a ROS package among those of the knowledge base; None if there is none."""
         folder = self._knowledge.package_folder(text_of(package, "package"))
         return None if folder is None else Atom(str(folder))
+
+    def neighbor_folders(self, stack: Value, base: Value) -> Value:
+        """The folders named `base` of packages in the folder `stack`, then in the folders beside it, by name."""
+        within, name = Path(text_of(stack, "folder")), text_of(base, "name")
+        packages = dict.fromkeys(_subfolders(within))
+        for beside in _subfolders(within.parent):
+            packages |= dict.fromkeys(_subfolders(beside))
+        return [Atom(str(each / name)) for each in packages if (each / name).is_dir()]
 
     def individuals(self, individual: Value, cls: Value) -> list[list[Value]]:
         """Individuals and their classes, asserted and inherited."""

@@ -208,9 +208,8 @@ candidate_folder(Source, Folder) :-
     (   Folder = Own
     ;   file_directory_name(Own, Package),
         file_directory_name(Package, Stack),
-        member(Pattern, ['/*/prolog', '/../*/*/prolog', '/*/src', '/../*/*/src']),
-        atom_concat(Stack, Pattern, Wild),
-        expand_file_name(Wild, Folders),
+        member(Base, [prolog, src]),
+        request(neighbor_folders(Stack, Base), Folders),  % not expand_file_name/2: names that are not UTF-8 abort it
         member(Folder, Folders),
         is_prolog_folder(Folder)
     ).

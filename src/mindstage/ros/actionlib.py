@@ -6,13 +6,14 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-from mindstage.access.limits import ACTIONLIB_GOALS, STATUS_ENTRIES
+from mindstage.access.limits import ACTIONLIB_GOALS, STATUS_ENTRIES, Timeout
 from mindstage.access.policies import CONTROL, Policy
 from mindstage.bridge import GoalResult, GoalStatus, Node, ServerGoalHandle
 from mindstage.bridge.node import MessageSender
-from mindstage.errors import MindstageError
+from mindstage.errors import BridgeError, FailureResponseError, MindstageError
 from mindstage.msgs import (
     Action,
     ActionFeedback,
@@ -27,7 +28,7 @@ from mindstage.msgs import (
 )
 from mindstage.msgs import actionlib_msgs as wire
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
-from mindstage.ros.service import EndedGoal, decode_request
+from mindstage.ros.service import EndedGoal, decode_request, failure_response
 
 __all__ = ["ActionlibServer"]
 
@@ -54,6 +55,31 @@ class _Goal:
     def to_message(self) -> wire.GoalStatus:
         """Returns its status as a message."""
         return wire.GoalStatus(goal_id=self.id, status=self.status, text=self.text)
+
+
+class _GoalHandle(ServerGoalHandle):
+    """Says when its handler begins to move something: when it first looks for a cancellation or sends feedback."""
+
+    def __init__(self, *args: Any, on_begin: Callable[[], None]) -> None:
+        super().__init__(*args)
+        self._on_begin = on_begin
+
+    @property
+    def cancel_requested(self) -> bool:
+        self._on_begin()
+        return super().cancel_requested
+
+    def feedback(self, values: object) -> None:
+        self._on_begin()
+        super().feedback(values)
+
+    def wait_for_cancel(self, timeout_s: Timeout) -> bool:
+        self._on_begin()
+        return super().wait_for_cancel(timeout_s)
+
+    def on_cancel(self, callback: Callable[[], object]) -> None:
+        self._on_begin()
+        super().on_cancel(callback)
 
 
 class ActionlibServer:
@@ -140,7 +166,7 @@ class ActionlibServer:
         try:
             request: Any = decode_request(self._goal_type, message)
         except MindstageError as error:
-            self._reject_goal(_goal_id(message), str(error))
+            self._reject_goal(_goal_id(message), error)
             return
         stamp = request.goal_id.stamp
         goal = _Goal(wire.GoalID(stamp=stamp, id=request.goal_id.id or f"{self.name}-{time.monotonic_ns()}"), sender)
@@ -154,12 +180,15 @@ class ActionlibServer:
                     del self._goals[id]
                 self._goals[goal.id.id] = goal
         if busy:
-            self._reject_goal(goal.id.id, f"{ACTIONLIB_GOALS.count} goals are active already")
+            self._reject_goal(goal.id.id, BridgeError(f"{ACTIONLIB_GOALS.count} goals are active already"))
             return
-        goal.handle = ServerGoalHandle(
-            self.name, goal.id.id, encode(request.goal, ros=self._ros), self._feedback_publisher(goal)
+        goal.handle = _GoalHandle(
+            self.name,
+            goal.id.id,
+            encode(request.goal, ros=self._ros),
+            self._feedback_publisher(goal),
+            on_begin=partial(self._set_active, goal),
         )
-        goal.status = wire.GoalStatusCode.ACTIVE
         worker = threading.Thread(target=self._run_goal, args=(goal, goal.handle), name="mindstage-goal", daemon=True)
         worker.start()
 
@@ -191,7 +220,8 @@ class ActionlibServer:
         except Exception as error:
             if not isinstance(error, MindstageError):
                 _log.exception("%s failed", self.name)
-            self._finish(goal, wire.GoalStatusCode.ABORTED, str(error), None)
+            values = error.response if isinstance(error, FailureResponseError) else None
+            self._finish(goal, wire.GoalStatusCode.ABORTED, str(error), values)
         else:
             status = _STATUS_BY_RESULT.get(result.status, wire.GoalStatusCode.ABORTED)
             text = ""
@@ -205,9 +235,14 @@ class ActionlibServer:
 
         return send
 
-    def _reject_goal(self, id: str, reason: str) -> None:
+    def _set_active(self, goal: _Goal) -> None:
+        if goal.status is wire.GoalStatusCode.PENDING:
+            goal.status = wire.GoalStatusCode.ACTIVE
+
+    def _reject_goal(self, id: str, error: MindstageError) -> None:
         """Publishes the result of a goal that is not valid."""
-        self._finish(_Goal(wire.GoalID(id=id), None), wire.GoalStatusCode.REJECTED, reason, None)
+        values = encode(failure_response(self._action.Result, error, str(error)), ros=self._ros)
+        self._finish(_Goal(wire.GoalID(id=id), None), wire.GoalStatusCode.REJECTED, str(error), values)
 
     def _finish(self, goal: _Goal, status: wire.GoalStatusCode, text: str, values: object) -> None:
         goal.status, goal.text, goal.ended_at = status, text, time.monotonic()

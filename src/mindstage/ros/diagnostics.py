@@ -8,7 +8,7 @@ from concurrent.futures import Future
 from typing import Any, Generic, TypeVar
 
 from mindstage.access.resources import without_paths
-from mindstage.bridge import LocalNode, Node, Refusal
+from mindstage.bridge import LocalNode, Node, Refusal, RosbridgeClient
 from mindstage.bridge.conversions import ConversionNote
 from mindstage.engines import SpawnReport
 from mindstage.errors import BridgeError, MindstageError, WorldError
@@ -85,6 +85,8 @@ class SubscriberCount:
             return might_have
         if self._pending is not None and self._pending.done():
             self._last_answer, self._pending = _has_subscribers(self._pending), None
+        if isinstance(self._node, RosbridgeClient) and self._node.has_rosapi is False:
+            return True
         if self._pending is None and self._now() - self._last_poll_s >= _POLL_INTERVAL_S:
             self._last_poll_s = self._now()
             self._poll()

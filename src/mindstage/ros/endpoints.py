@@ -83,8 +83,7 @@ class Endpoints:
     @property
     def only_version(self) -> RosVersion | None:
         """The version of ROS whose types the server has; None at a server that has those of both."""
-        is_suite = isinstance(self._node, RosbridgeClient) and self._node.is_rosbridge_suite
-        return self.ros if is_suite else None
+        return self.ros if isinstance(self._node, RosbridgeClient) and self._node.needs_packages else None
 
     def full_name(self, name: str) -> str:
         """Returns an absolute name."""

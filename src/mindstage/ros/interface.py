@@ -217,6 +217,8 @@ class RosInterface:
                 self._open()
                 self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
                 self._start_publishers(rates or PublishRates())
+            if isinstance(node, RosbridgeClient) and node.connected and not node.wait_advertised():
+                _log.warning("%s has not yet accepted everything that is offered", node.url)
         except BaseException:
             self.close()
             raise

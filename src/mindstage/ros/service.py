@@ -42,10 +42,12 @@ from mindstage.msgs import (
     Message,
     RosVersion,
     Service,
+    control_msgs,
     decode_arguments,
     encode,
     geometry_msgs,
     mindstage_msgs,
+    nav2_msgs,
     simulation_interfaces,
     snake_case,
     type_name,
@@ -292,7 +294,17 @@ def failure_response(response: type[Message], error: MindstageError, text: str) 
         return response(result=simulation_interfaces.Result(result=code, error_message=text))
     if "refusal" in fields:
         return response(refusal=mindstage_msgs.Refusal(code=error.code, text=text))
+    if response in _FAILURE_CODES:
+        code_of_failure, text_field = _FAILURE_CODES[response]
+        return response(**{"error_code": code_of_failure, text_field: text})
     return response()
+
+
+_FAILURE_CODES: Mapping[type[Message], tuple[int, str]] = {
+    control_msgs.FollowJointTrajectory.Result: (control_msgs.FollowJointTrajectoryCode.INVALID_GOAL, "error_string"),
+    nav2_msgs.NavigateToPose.Result: (nav2_msgs.NavigateToPose.Result.UNKNOWN, "error_msg"),
+}
+"""The code of a failure without a more exact one, and the field of its reason; the default code means success."""
 
 
 def refusal_response(response: type[Message], error: WorldError) -> Message:
@@ -538,8 +550,15 @@ def action_handler(
         timeout_s: largest duration of a goal [s].
     """
 
+    def failure(error: MindstageError, text: str) -> FailureResponseError:
+        response = encode(failure_response(spec.type.Result, error, text), ros=ros)
+        return FailureResponseError(text, response=response)
+
     def handle(goal: ServerGoalHandle) -> GoalResult:
-        request = decode_request(spec.type.Goal, goal.args)
+        try:
+            request = decode_request(spec.type.Goal, goal.args)
+        except MindstageError as error:
+            raise failure(error, without_paths(str(error))) from error
         context = GoalContext(
             name,
             timeout_s=timeout_s,
@@ -561,15 +580,15 @@ def action_handler(
             return EndedGoal(GoalStatus.ABORTED, values, text=text, rejected=ended.rejected)
         except ResultError as error:
             diagnostics.report_failures(name, [("", str(error))])
-            failure = encode(spec.type.Result(result=error.result), ros=ros)
-            return goal.aborted(values_without_paths(failure, given=repr(request)))
+            values = encode(spec.type.Result(result=error.result), ros=ros)
+            return goal.aborted(values_without_paths(values, given=repr(request)))
         except WorldError as error:
             diagnostics.report_refusal(name, error)
-            failure = encode(refusal_response(spec.type.Result, error), ros=ros)
-            return goal.aborted(values_without_paths(failure, given=repr(request)))
+            values = encode(refusal_response(spec.type.Result, error), ros=ros)
+            return goal.aborted(values_without_paths(values, given=repr(request)))
         except EngineError as error:
             diagnostics.report_error(name, error)
-            raise MindstageError(without_paths(error_text(error))) from error
+            raise failure(error, without_paths(error_text(error))) from error
         succeeded = getattr(result, "success", True)
         return (goal.succeeded if succeeded else goal.aborted)(encode(result, ros=ros))
 

@@ -38,6 +38,7 @@ __all__ = [
     "first_movable_axis",
     "front_side",
     "handles_by_body",
+    "is_floating",
     "is_handle_class",
     "is_moving_part_class",
     "is_robot_part",
@@ -81,6 +82,13 @@ def axis_ranges(joint: Joint) -> tuple[JointAxisRange, ...]:
         JointAxisRange(angular.swing2, angular.swing2_limit, angular.swing2_middle),
         JointAxisRange(angular.swing1, angular.swing1_limit, angular.swing1_middle),
     )
+
+
+def is_floating(joint: Joint) -> bool:
+    """Whether a joint constrains nothing, such as a floating one in URDF: its bodies are free, as without it."""
+    linear, angular = joint.linear, joint.angular
+    motions = (linear.x, linear.y, linear.z, angular.twist, angular.swing2, angular.swing1)
+    return all(each is AxisMotion.FREE for each in motions)
 
 
 def first_movable_axis(joint: Joint) -> int | None:
@@ -169,7 +177,7 @@ class RigidGroups:
     root_row: NDArray[np.intp]
     """For each body, the row of the root body of its group, which identifies the group."""
     jointed_pairs: frozenset[tuple[int, int]]
-    """Pairs of groups that a joint connects: the moving group, then the holding one."""
+    """Pairs of groups that a joint connects, unless it is floating: the moving group, then the holding one."""
     is_jointed: NDArray[np.bool_]
     """For each body, whether a joint holds its group, as it does a door with its handle."""
     is_dynamic: NDArray[np.bool_]
@@ -183,7 +191,7 @@ class RigidGroups:
         root_row = np.array([rows[_root_of(body.id, parents)] for body in world.bodies], dtype=np.intp)
         jointed_pairs = set()
         for joint in world.joints:
-            if joint.parent in rows and joint.child in rows:
+            if joint.parent in rows and joint.child in rows and not is_floating(joint):
                 moving, holder = moving_body(joint, world.bodies[rows[joint.parent]], world.bodies[rows[joint.child]])
                 jointed_pairs.add((int(root_row[rows[moving.id]]), int(root_row[rows[holder.id]])))
         is_jointed = np.zeros(len(world.bodies), dtype=bool)

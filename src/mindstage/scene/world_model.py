@@ -369,7 +369,7 @@ class Joint(PosedStruct, frozen=True, kw_only=True):
     linear: LinearLimits = LinearLimits()
     angular: AngularLimits = AngularLimits()
     disable_collision: bool | None = None
-    """Whether the two bodies do not collide with each other; None is treated as true."""
+    """Whether the two bodies do not collide with each other; None is treated as true, unless the joint is floating."""
     mimic: JointMimic | None = None
     """The joint that it follows, if any."""
     tags: tuple[Tag, ...] = ()

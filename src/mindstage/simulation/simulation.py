@@ -294,8 +294,9 @@ class Simulation:
         """Fits geometry to a world, makes the edit that spawns it, and keeps the report of both."""
         with self._tick_delay.preparing():
             fitted = provider.fit(world, geometry=geometry)
-            immovable = provider.find_immovable(world)
-        applied = make(Spawn(world, geometry=fitted.geometry, immovable=immovable.ids, **options))
+            immovable, uncertain = provider.find_immovable(world), provider.find_uncertain_poses(world)
+        spawn = Spawn(world, geometry=fitted.geometry, immovable=immovable.ids, uncertain_poses=uncertain, **options)
+        applied = make(spawn)
         report = with_immovable_notes(applied.report, immovable)
         report = with_geometry_notes(report, fitted, (body.id for body in world.bodies))
         self._reports = tuple(report if each is applied.report else each for each in self._reports)

@@ -77,11 +77,20 @@ class RecordingHandler:
         self.publish()
 
     def publish(self) -> None:
-        """Publishes whether it is recording, to which file, and for how long; called several times a second."""
+        """Publishes whether it is recording, to which file and for how long, and its first fault.
+
+        Called several times a second.
+        """
         recorder = self._recorder
-        state: dict[str, object] = {"path": None, "time_s": 0.0, "failed": False}
+        state: dict[str, object] = {"path": None, "time_s": 0.0, "failed": False, "fault": None}
         if recorder is not None:
-            state = {"path": recorder.path.name, "time_s": round(recorder.time_s), "failed": not recorder.recording}
+            fault = None if recorder.error is None else without_paths(str(recorder.error))
+            state = {
+                "path": recorder.path.name,
+                "time_s": round(recorder.time_s),
+                "failed": not recorder.recording,
+                "fault": fault,
+            }
         self._channel.publish("recording", state)
 
     def close(self) -> None:

@@ -124,6 +124,11 @@ class ContactModel:
         self.moving = frozenset(id for id, row in compiled.rows.items() if row in rows or id in moving)
         """The bodies of which contacts are computed."""
 
+    @property
+    def loose(self) -> frozenset[BodyId]:
+        """The bodies that are neither fixed nor on joints."""
+        return frozenset(id for id in self._compiled.rows if self._weld(id) in self._roots)
+
     def _weld(self, id: BodyId) -> int:
         """The MuJoCo body that is the root of the rigid group of a body; 0 for those that are fixed."""
         return int(self.model.body_weldid[self._compiled.body_ids.get(id, 0)])

@@ -508,8 +508,14 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         """Takes over a world that was edited remotely; the next edit sends the whole model again."""
         before, builder = self._builder, PhysicsModelBuilder()
         world = super().snapshot()
-        immovable = frozenset(before.registry.immovable)
-        builder.apply(Spawn(world, geometry=before.geometry, immovable=immovable, settle=False), np.zeros((0, 7)))
+        spawn = Spawn(
+            world,
+            geometry=before.geometry,
+            immovable=frozenset(before.registry.immovable),
+            uncertain_poses=before.uncertain_poses,
+            settle=False,
+        )
+        builder.apply(spawn, np.zeros((0, 7)))
         builder.ground, builder.late_notes = before.ground, before.late_notes
         self._commit(builder, ModelState(ground=_ground_change(before.ground)))
 

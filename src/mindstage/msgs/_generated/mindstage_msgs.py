@@ -91,9 +91,11 @@ class EpisodeChunk(base.Message, frozen=True):
     number: base.Uint64 = 0
     """Number of this chunk, from 0."""
     base_chunk: base.Uint64 = 0
-    """Number of the last chunk that begins with the state of all bodies."""
+    """Number of the last chunk that begins with the state of all bodies; so does the one after it."""
     structure: base.Uint64 = 0
     """Number of the last `EpisodeWorld` before the first frame of this chunk."""
+    digest: base.String = ""
+    """Of that world."""
     repeated: base.Uint32 = 0
     """Number of messages that follow, and repeat what has changed since the begin of the base chunk."""
 
@@ -155,6 +157,8 @@ class EpisodeEvent(base.Message, frozen=True):
     amount: base.Float64 = 0.0
     """NaN without one."""
     evidence: tuple[base.String, ...] = ()
+    state: base.String = ""
+    """Provisional, withdrawn, or final."""
 
 
 class EpisodeWorld(base.Message, frozen=True):
@@ -166,6 +170,8 @@ class EpisodeWorld(base.Message, frozen=True):
     complete: base.Bool = False
     """Whether `json` is the whole world, not a change of the one before."""
     json: base.String = ""
+    digest: base.String = ""
+    """Of this world: BLAKE2b of the digest of the one before and `json`, in hexadecimal digits."""
 
 
 class Failure(base.Message, frozen=True):

@@ -9,16 +9,17 @@ import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
 from mindstage.robots.floor_poses import planar_pose
+from mindstage.robots.models.robot_model import GripperType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
-from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
+from mindstage.robots.skills.grasps import Grasp, grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
-from mindstage.scene.edits import Attach, Detach
+from mindstage.scene.edits import Detach
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -179,23 +180,17 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     for part in surroundings.closed_in_front_of(id):
         yield from moving_part(task, part, ACCESS[part.joint.is_prismatic])
     yield from hand.parking()
-    slipped = False
     for attempt in range(_ATTEMPTS):
         try:
-            placement = yield from _grasping(task, hand, id, upright=upright, fix=slipped)
-        except SkillFailedError as error:
+            placement = yield from _grasping(task, hand, id, upright=upright)
+        except SkillFailedError:
             if attempt == _ATTEMPTS - 1:
                 raise
-            slipped = isinstance(error, _SlippedError)
             yield from _letting_go(task, hand)
             yield from hand.parking()
             continue
         yield from carrying(task, hand, placement.back_m)
         return
-
-
-class _SlippedError(SkillFailedError):
-    """A thing is not held that was grasped by friction."""
 
 
 def _grasping(
@@ -205,36 +200,29 @@ def _grasping(
     *,
     upright: bool | None,
     stays: bool = False,
-    fix: bool = False,
 ) -> Generator[float, None, GraspMotion]:
-    """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
+    """Grasps a thing between the fingers, and lifts it.
 
     Args:
         id: the thing.
         upright: see `pick_up`.
         stays: whether the base stays where it is.
-        fix: whether it is fixed in any case.
 
     Raises:
-        _SlippedError: it slipped out of the fingers while it was lifted.
+        SkillFailedError: the fingers closed on nothing, or it slipped out of them while it was lifted.
     """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
         placement = yield from _hand_before(task, hand, id, upright=upright, stays=stays)
         surroundings = task.surroundings()
         yield from hand.moving_straight(placement.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
-        held_by_friction = False
-        if placement.grasp.is_by_friction:
-            held_by_friction = yield from hand.closing()
-        if fix or not held_by_friction:
-            _fix(task, hand, id, "the fingers do not hold it by friction")
+        yield from hand.closing_on(id)
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
         up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
         yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
-            reason = f"{id} slipped out of the gripper while it was lifted"
-            raise _SlippedError(hand.robot.name, reason=reason, suggestion="grasp it again")
+            raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
     return placement
 
 
@@ -260,7 +248,7 @@ def _standing_before(
 def _hand_before(
     task: SkillTask, hand: Manipulator, id: BodyId, *, upright: bool | None, stays: bool
 ) -> Generator[float, None, GraspMotion]:
-    """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
+    """Takes the open hand in front of a thing.
 
     What is in front of the thing is opened farther if there is no placement, or no way of the base or the arm.
     """
@@ -268,13 +256,13 @@ def _hand_before(
     while True:
         thing, floor = task.surroundings().thing(id), FloorMap(hand.robot) if hand.is_mobile and not stays else None
         try:
-            found = _by_friction(hand, thing, floor, upright=upright, stays=stays)
+            found = _find_grasp(hand, thing, floor, upright=upright, stays=stays)
             return (yield from _standing_before(hand, *found))
         except UnreachableError as error:
             cause = error
         part = next((each for each in parts if each.openness <= _WIDE_OPEN), None)
         if part is None:
-            break
+            raise cause
         before = part.openness
         try:
             yield from moving_part(task, part, 1.0)
@@ -286,11 +274,10 @@ def _hand_before(
                 raise UnreachableError(
                     cause.robot, target=cause.target, reason=reason, obstacle=cause.obstacle
                 ) from None
-    return (yield from _standing_before(hand, *_by_weld(hand, thing, floor, cause, stays=stays)))
 
 
 def find_grasp(hand: Manipulator, thing: Thing, floor: FloorMap | None = None, *, stays: bool = False) -> GraspMotion:
-    """How a hand gets in front of a thing.
+    """How a hand gets in front of a thing to grasp it.
 
     Args:
         floor: the free floor, if the base may drive.
@@ -299,19 +286,16 @@ def find_grasp(hand: Manipulator, thing: Thing, floor: FloorMap | None = None, *
     Raises:
         UnreachableError: it does not.
     """
-    try:
-        return _by_friction(hand, thing, floor, upright=None, stays=stays)[0]
-    except UnreachableError as error:
-        return _by_weld(hand, thing, floor, error, stays=stays)[0]
+    return _find_grasp(hand, thing, floor, upright=None, stays=stays)[0]
 
 
 _Found = tuple[GraspMotion, GraspMotionRequest]
 
 
-def _by_friction(
+def _find_grasp(
     hand: Manipulator, thing: Thing, floor: FloorMap | None, *, upright: bool | None, stays: bool
 ) -> _Found:
-    """A motion for a grasp by friction, the one that comes from the preferred direction if possible.
+    """A motion for a grasp, the one that comes from the preferred direction if possible.
 
     Raises:
         UnreachableError: there is none.
@@ -338,6 +322,8 @@ def _by_friction(
         )
 
     grasps = sorted(grasps_of(thing.body, thing.geometry, pose, hand.gripper, hand.shape), key=cost)
+    if not grasps:
+        raise UnreachableError(hand.robot.name, target=thing.id, reason=_why_no_grasp(hand, thing))
     if upright:
         level = [each for each in grasps if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
         grasps = level or grasps
@@ -356,6 +342,15 @@ def _by_friction(
             return find_grasp_motion(hand, request, floor), request
         except UnreachableError:
             raise error from None
+
+
+def _why_no_grasp(hand: Manipulator, thing: Thing) -> str:
+    """Why a thing does not fit between the fingers."""
+    gripper = hand.gripper
+    if gripper.type is not GripperType.PARALLEL:
+        return f"the {gripper.name} has no fingers that close on each other"
+    narrowest_m, opening_m = min(thing.body.size or (0.0,)), gripper.max_opening_m
+    return f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -378,24 +373,6 @@ def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
     found = [group[turn] for turn in range(2) for group in groups.values() if turn < len(group)]
     order = {id(each): number for number, each in enumerate(grasps)}
     return sorted(found[:_MAX_GRASPS], key=lambda each: order[id(each)])
-
-
-def _by_weld(
-    hand: Manipulator, thing: Thing, floor: FloorMap | None, error: UnreachableError, *, stays: bool
-) -> _Found:
-    """A motion that takes the finger tips to a side of a thing, which is then fixed to them; else the error."""
-    grasps = list(weld_grasps_of(thing.body, thing.geometry, thing.pose, hand.shape))
-    request = GraspMotionRequest(thing.id, grasps, thing.pose[None], _BACK_M, stays=stays)
-    try:
-        return find_grasp_motion(hand, request, floor), request
-    except UnreachableError:
-        raise error from None
-
-
-def _fix(task: SkillTask, hand: Manipulator, id: BodyId, why: str) -> None:
-    """Fixes a thing to the gripper."""
-    task.session.apply(Attach(hand.robot.link_ids[hand.gripper.link], id))
-    task.assume(f"{id} was fixed to the {hand.gripper.name}: {why}")
 
 
 def carrying(task: SkillTask, hand: Manipulator, back_m: float) -> SkillMotion:
@@ -612,7 +589,7 @@ def _options(hand: Manipulator, pose: Array, in_hand: Array, floor: FloorMap | N
     if floor is not None:
         towards = _from_floor(hand, pose, floor)
         found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 2))
-    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found[:_TURNS]]
+    return [Grasp(at, 0.0, is_whole=True, is_central=True) for at in found[:_TURNS]]
 
 
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
@@ -698,7 +675,7 @@ def _pour_placement(
 ) -> tuple[GraspMotion, Array]:
     error: UnreachableError | None = None
     for poses in options:
-        grasp = Grasp(in_hand, 0.0, is_by_friction=True, is_whole=True, is_central=True)
+        grasp = Grasp(in_hand, 0.0, is_whole=True, is_central=True)
         try:
             return find_grasp_motion(hand, GraspMotionRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
         except UnreachableError as found:

@@ -78,7 +78,7 @@ the bar that was between its fingers, else also the direction in which they clos
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
-"""A closed gripper with a smaller opening has nothing between its fingers."""
+"""A closed gripper with a smaller opening has nothing between its fingers, where contacts are not known."""
 _GUARD_S = 0.012
 """Simulated time between two looks at the contacts [s]."""
 _GRIP_FORCES = (1.0, 0.7, 0.5)
@@ -535,12 +535,25 @@ class Manipulator:
             if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
                 self._require(result, "give the fingers room")
 
-    def closing(self) -> Generator[float, None, bool]:
-        """Closes the gripper with the largest force that presses the fingers nowhere too deep.
+    def closing_on(self, *things: BodyId) -> SkillMotion:
+        """Closes the gripper on a thing.
 
-        Returns:
-            Whether something is between the fingers.
+        Args:
+            things: the thing, and bodies that belong to it.
+
+        Raises:
+            SkillFailedError: the fingers do not touch any of them from both sides.
         """
+        yield from self.closing()
+        if self.task.session.engine.run(_reads_contacts, label="capabilities"):
+            is_between = self.held in things
+        else:
+            is_between = self.robot.opening(self.gripper.name) > _EMPTY_M
+        if not is_between:
+            raise self.task.failure(f"the gripper closed without {things[0]} between its fingers", "approach it again")
+
+    def closing(self) -> SkillMotion:
+        """Closes the gripper with the largest force that presses the fingers nowhere too deep."""
         with self.task.step("close gripper", "close the gripper"):
             for part in _GRIP_FORCES:
                 force_n = part * self.gripper.max_force_n
@@ -548,10 +561,6 @@ class Manipulator:
                 result = yield from (motion if part == _GRIP_FORCES[-1] else guarded(self.task, motion))
                 if result.failure is not MotionFailure.BLOCKED:
                     break
-        if self.robot.opening(self.gripper.name) <= _EMPTY_M:
-            return False
-        # Fingers that turn, or whose shapes are coarse, do not close fully on nothing either.
-        return self.held is not None or not self.task.session.engine.run(_reads_contacts, label="capabilities")
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""

@@ -72,12 +72,16 @@ async function toggleRecording() {
   }
 }
 
-channel.on("recording", ({ path, time_s: time, failed }) => {
-  const title = path ? `${failed ? "The recording has failed; stop it to see why" : "Stop recording"}: ${path}` : "Record an episode";
+let shownFault = null;
+
+channel.on("recording", ({ path, time_s: time, failed, fault }) => {
+  const title = path ? `${failed ? "The recording has failed; stop it" : "Stop recording"}: ${path}${fault ? `. ${fault}` : ""}` : "Record an episode";
+  if (fault && fault !== shownFault) toast(`${failed ? "The recording has failed" : "A fault while recording"}: ${fault}`, "error");
+  shownFault = fault;
   record.title = title;
   record.setAttribute("aria-label", title);
   record.setAttribute("aria-pressed", String(Boolean(path)));
-  record.lastChild.textContent = path ? (failed ? "failed" : `${time} s`) : "";
+  record.lastChild.textContent = path ? (failed ? "failed" : `${time} s${fault ? " ⚠" : ""}`) : "";
 });
 
 // -- camera and display ------------------------------------------------------------------------------------------------------
