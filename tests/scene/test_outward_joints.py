@@ -102,6 +102,19 @@ def test_what_is_in_the_front_of_its_casing_needs_no_handle(yaw: float) -> None:
     assert BodyId("slide") not in limited(turned(inside, yaw))
 
 
+@pytest.mark.parametrize("yaw", YAWS)
+@pytest.mark.parametrize("side", [1, -1])
+def test_sliding_doors_stay_before_their_casing(yaw: float, side: int) -> None:
+    old = cupboard(handles=False)
+    leaf = body("door", (0.33, side * 0.2, 1.0), (0.02, 0.42, 1.5), "dynamic", 4.0)
+    slide = replace(
+        prismatic_joint("slide", "case", "door", (0.33, side * 0.2, 1.0)),
+        linear=LinearLimits(y=AxisMotion.LIMITED, limit=0.38),
+    )
+    found = limited(turned(replace(old, bodies=(old.bodies[0], leaf), joints=(slide,)), yaw))
+    assert interval(found[BodyId("slide")].joint) == pytest.approx((-0.38, 0.0) if side == 1 else (0.0, 0.38))
+
+
 def test_swapping_parent_and_child_reverses_the_range() -> None:
     swapped = cupboard()
     joints = tuple(replace(each, parent=each.child, child=each.parent) for each in swapped.joints)

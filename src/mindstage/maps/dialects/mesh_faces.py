@@ -54,6 +54,7 @@ _GRAZE_M = 0.015
 """Depth of contacts in maps whose bodies were placed by hand [m]."""
 _INSIDE_M = 0.005
 _MAX_LOG_ODDS = 12.0
+"""Most that the bodies of two classes say about their origins: one coincidence is not counted for each body."""
 _VERTICAL_PRIOR = np.log([0.12, 0.44, 0.44])
 _HORIZONTAL_PRIOR, _LOOSE_PRIOR = np.log([0.015, 0.97, 0.015]), np.log([0.004, 0.992, 0.004])
 _LOOSE_M = 0.5
@@ -68,6 +69,7 @@ _MIN_SIDE, _MIN_CENTER, _MIN_MIDDLE, _MIN_RARE = 0.9, 0.97, 0.75, 0.999
 """Probabilities from which a side is chosen, the center of a height, and that of a depth or a width; and from which a
 side other than the bottom is not reported."""
 _ROUNDS, _MESSAGES, _DAMPING = 3, 25, 0.5
+"""Number of times that overlaps are computed, number of messages for each, and the share of a message that is kept."""
 
 
 @dataclass(frozen=True, slots=True)
