@@ -708,6 +708,19 @@ def test_a_linked_gripper_of_mjcf_has_one_drive_and_the_opening_that_mujoco_sett
     assert {"a_end", "b_end"} <= set(gripper.finger_links)
 
 
+def test_rods_that_overlap_do_not_hold_a_linked_gripper_open(tmp_path: Path) -> None:
+    text = LINKED.format(equalities=TENDONS, first="a_crank", second="b_crank", drive="a_crank")
+    thick = text.replace("0.02 0.003 0.008", "0.02 0.015 0.008")
+    model = load_model(written(tmp_path, thick, "thick.xml"))
+    assert ("a_rod", "b_rod") in model.disabled_collisions
+    assert ("a_end", "b_end") not in model.disabled_collisions, "the fingers hold what is between them"
+    assert any("a_rod and b_rod" in note.text for note in model.notes)
+    with Simulation(KnowledgeBase(), engine=MujocoEngine(), threaded=False) as sim:
+        robot = add_robot(sim, model)
+        assert robot.run(robot.gripping("gripper", 0.0))
+        assert robot.opening("gripper") == pytest.approx(0.0, abs=0.003)
+
+
 JAW = """
 <robot name="jaw">
   <link name="base">{box}</link>

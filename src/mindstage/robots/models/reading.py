@@ -27,6 +27,8 @@ from mindstage.robots.models.link_tree import LinkTree, sorted_tree
 from mindstage.robots.models.mjcf import read_mjcf_robot
 from mindstage.robots.models.robot_model import (
     BaseType,
+    Gripper,
+    GripperType,
     ModelNote,
     RobotJoint,
     RobotJointType,
@@ -70,6 +72,10 @@ _OFTEN = 0.1
 """The part from which on a pair that is near in the tree is looked at: dividing a mesh takes seconds."""
 _NEAR_JOINTS = 2
 """Number of joints between two links that are near in the tree."""
+_CLOSING_STATES = 9
+"""Number of states of a gripper, from open to closed."""
+_MAX_DRIVES = 2
+"""Number of drives above which a gripper is a hand, whose fingers touch each other with all of their links."""
 _MAX_POSITION = 1e4
 """Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
@@ -213,6 +219,8 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
     disabled = {pair for pair in stated | tree.neighbors() if tree.links.keys() >= set(pair)}
     structure = find_structure(tree, replace(srdf, states=states), base=base)
     contact_notes: list[ModelNote] = []
+    for gripper in structure.grippers:
+        disabled |= _contacts_on_closing(tree, gripper, disabled, contact_notes)
     if structure.arms and not srdf.disabled_collisions:
         links, always = _self_contacts(description, links, joints, disabled, contact_notes)
         disabled |= always
@@ -232,6 +240,26 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
         urdf=description.urdf,
         notes=(*description.notes, *tree_notes, *base_notes, *structure.notes, *contact_notes),
     )
+
+
+def _contacts_on_closing(
+    tree: LinkTree, gripper: Gripper, ignored: Collection[tuple[str, str]], notes: list[ModelNote]
+) -> set[tuple[str, str]]:
+    """The links of a gripper that touch while it closes, except its fingers: such shapes would hold it open."""
+    if gripper.type is not GripperType.PARALLEL or len(gripper.joints) > _MAX_DRIVES:
+        return set()
+    opened, closed = np.array(gripper.open_positions), np.array(gripper.closed_positions)
+    rows = (opened + share * (closed - opened) for share in np.linspace(0.0, 1.0, _CLOSING_STATES))
+    given = (dict(zip(gripper.joints, row.tolist(), strict=True)) for row in rows)
+    states = (tree.poses(rest_positions(tree.joints.values(), each)) for each in given)
+    shapes = {link: tree.shape_points(link) for link in tree.subtree(gripper.link)}
+    touching = touching_shares(shapes, states, ignored=ignored)
+    found = {pair for pair in touching if not set(gripper.finger_links).issuperset(pair)}
+    if found:
+        pairs = ", ".join(map(" and ".join, sorted(found)))
+        text = f"these of its links touch while it closes, and do not collide: {pairs}"
+        notes.append(ModelNote(subject=gripper.name, text=text))
+    return found
 
 
 def _self_contacts(
