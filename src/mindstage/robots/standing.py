@@ -52,7 +52,7 @@ def add_standing_robot(
         RobotModelError: the description cannot be read, or not all of it can be spawned.
         CommandRefusedError: the robot fits nowhere.
     """
-    model = source if isinstance(source, RobotModel) else load_model(os.fspath(source), xacro=xacro)
+    model = source if isinstance(source, RobotModel) else load_model(os.fspath(source), xacro=xacro, divide=True)
     world = session.snapshot()
     if place is not None:
         (x, y, yaw), level = place, find_floor(BodyBoxes.from_bodies(world.bodies))[0]

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from math import cos, pi, sin
+from math import cos, isfinite, pi, sin
 
 import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
+from mindstage.robots.collisions import Collision, HandChecker
 from mindstage.robots.floor_poses import planar_pose
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
+from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.models.robot_model import GripperType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
-from mindstage.robots.skills.grasps import Grasp, grasps_of
+from mindstage.robots.skills.grasps import FINGER_CLEARANCE_M, Grasp, grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
@@ -64,8 +67,8 @@ _PLACE_STEPS = 25_000
 """Number of steps of the search for each; see `GraspMotionRequest.steps`."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
-_CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
-"""Where in front of the base things are carried."""
+_CARRY_DISTANCES, _CARRY_HEIGHTS = (0.08, 0.16, 0.26), (0.02, 0.2, -0.15)
+"""Where things are carried, as parts of the length of the arm: in front of the base, and above the shoulder."""
 _FOLDS = 13
 """Angles of a vertical hinge that are tried to take the hand near to the base."""
 _ROOM_M = 0.03
@@ -327,7 +330,7 @@ def _find_grasp(
     if upright:
         level = [each for each in grasps if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
         grasps = level or grasps
-    grasps = _in_many_directions(grasps, pose)
+    grasps = _in_many_directions(_free_grasps(hand, thing, grasps), pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
     request = GraspMotionRequest(thing.id, grasps, lifted, _BACK_M, container=thing.container, least=0.9, stays=stays)
@@ -344,13 +347,38 @@ def _find_grasp(
             raise error from None
 
 
+def _free_grasps(hand: Manipulator, thing: Thing, grasps: Sequence[Grasp]) -> list[Grasp]:
+    """The grasps at which the gripper alone is free, wherever the robot stands, perhaps with less room.
+
+    Raises:
+        UnreachableError: there is none.
+    """
+    checker = HandChecker(hand.robot, hand.gripper, touch={thing.id})
+    largest_m = hand.gripper.max_opening_m
+    found, hits = list[Grasp](), list[Collision]()
+    for each in grasps:
+        openings = dict.fromkeys((each.opening_m(largest_m), each.tight().opening_m(largest_m)))
+        for opening_m in openings:
+            hit = hand.hit_before(checker, each.in_world(thing.pose), _BACK_M, opening_m)
+            if hit is None:
+                found.append(each)
+                break
+            hits.append(hit)
+    if not found:
+        nearest = max(hits, key=lambda each: each.distance_m - each.least_m)
+        reason = f"the gripper has no room at each of {len(grasps)} grasps of it: at best {nearest}"
+        raise UnreachableError(hand.robot.name, target=thing.id, reason=reason, obstacle=nearest.obstacle)
+    return found
+
+
 def _why_no_grasp(hand: Manipulator, thing: Thing) -> str:
     """Why a thing does not fit between the fingers."""
     gripper = hand.gripper
     if gripper.type is not GripperType.PARALLEL:
         return f"the {gripper.name} has no fingers that close on each other"
     narrowest_m, opening_m = min(thing.body.size or (0.0,)), gripper.max_opening_m
-    return f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    text = f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    return f"{text}, with {FINGER_CLEARANCE_M * 1000:.0f} mm of room for each finger"
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -398,8 +426,9 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
     x = quat_rotate(here[3:], (1.0, 0.0, 0.0))
     heading = float(np.arctan2(x[1], x[0])) if np.hypot(x[0], x[1]) > 0.3 else 0.0
     yaw = hand.robot.base_pose()[2]
-    for height in _CARRY_HEIGHTS_M:
-        for distance in _CARRY_DISTANCES_M:
+    shoulder, length = _shoulder(hand)
+    for height in (shoulder + part * length for part in _CARRY_HEIGHTS):
+        for distance in (hand.robot.model.base.radius_m + part * length for part in _CARRY_DISTANCES):
             for turn in (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2):
                 spin = planar_pose((0.0, 0.0, yaw + turn - heading))[3:]
                 point = pose_multiply(base, np.array([distance, 0.0, height, 1.0, 0.0, 0.0, 0.0]))[:3]
@@ -415,6 +444,19 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
                 if found:
                     yield dict(found.positions)
                     break
+
+
+def _shoulder(hand: Manipulator) -> tuple[float, float]:
+    """The height of an arm's first joint that turns, with its slides in the middle, and its length from there [m]."""
+    model, arm = hand.robot.model, hand.arm
+    joints = [model.joint(name) for name in arm.joints]
+    middle = {each.name: sum(each.limits) / 2 for each in joints if each.is_prismatic and isfinite(sum(each.limits))}
+    frames = link_poses(model.joints, rest_positions(model.joints, middle), model.root)
+    first = next((each for each in joints if not each.is_prismatic), joints[0])
+    chain = LinkTree(model.links, model.joints).chain(first.child, arm.tip_link) or ()
+    points = np.array([frames[first.child][:3], *(frames[each.child][:3] for each in chain)])
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return float(points[0, 2]) + model.base.height_m, length
 
 
 def _folded_poses(hand: Manipulator) -> list[dict[str, float]]:
