@@ -403,7 +403,7 @@ class ModelCache:
             within_m = min((speed + _GRAVITY_M_S2 * duration_s) * duration_s, MAX_SIZE_M)
             group, within_s, gained = group._replace(velocity=mean), within_m / mean_speed, mean_speed - speed
         ids = list(compiled.rows)
-        for obstacle in compiled.obstacles(group, within_s):
+        for obstacle in compiled.obstacles(group, within_s, _CONTACT_DURATION_S):
             fall_m = obstacle.distance_m * falls
             hit_speed = float(np.sqrt(max(obstacle.speed - gained, 0.0) ** 2 + 2 * _GRAVITY_M_S2 * fall_m))
             thickness_m = min(self.builder.mass_properties.size(ids[obstacle.row]))

@@ -233,6 +233,9 @@ class CompiledModel:
     )
     """The same, motions and `kinematic_state` before the whole step, with kinematic bodies; None until one needs it."""
 
+    _jointed: tuple[NDArray[np.intp], Array] | None = field(init=False, default=None)
+    """The result of `_jointed_groups`."""
+
     def __post_init__(self) -> None:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.free_heights = addresses[:, 0] + 2
@@ -435,13 +438,13 @@ class CompiledModel:
         velocities, roots = data.qvel[self.free_velocities], list(self.free_joint_addresses)
         for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > min_speed).tolist():
             yield FastGroup(roots[row], velocities[row], nothing, is_free=True)
-        driven = set(self.actuators.dofs)
-        for joint in self.joints.values():
-            if driven.isdisjoint(range(joint.dof_address, joint.dof_address + len(joint.axes))):
-                velocity, spin = self._velocity_at(joint.body_id, data.xpos[joint.body_id])
-                root = joint.tree_joint.child
-                if self._is_fast(root, velocity, spin, min_speed):
-                    yield FastGroup(root, velocity, spin, is_free=False)
+        numbers, arms = self._jointed_groups()
+        spins, arm = data.cvel[numbers, :3], data.xpos[numbers] - data.subtree_com[self.model.body_rootid[numbers]]
+        linear = data.cvel[numbers, 3:] + np.cross(spins, arm)
+        speeds = np.linalg.norm(linear, axis=1) + np.linalg.norm(spins, axis=1) * arms
+        for row in np.flatnonzero(speeds > min_speed).tolist():
+            root = self._id_of_body[int(numbers[row])]
+            yield FastGroup(root, linear[row], spins[row], is_free=False)
         for root, motion in self.motions.items():
             if motion.steps:
                 spin = quat_rotate(motion.pose[3:], motion.mean_velocity[3:])
@@ -454,43 +457,82 @@ class CompiledModel:
         is_jointed = bool(self.joints) and np.abs(self.data.qvel).max(initial=0.0) > min_speed / _MAX_ARM_M
         return bool(free > min_speed / 2 or is_jointed or any(each.steps for each in self.motions.values()))
 
+    def _jointed_groups(self) -> tuple[NDArray[np.intp], Array]:
+        """The groups on joints without actuators, as MuJoCo numbers bodies, and how far they reach."""
+        if self._jointed is None:
+            driven, known = set(self.actuators.dofs), self._id_of_body
+            free = [
+                each.body_id
+                for each in self.joints.values()
+                if driven.isdisjoint(range(each.dof_address, each.dof_address + len(each.axes)))
+            ]
+            numbers = np.array([number for number in free if number in known], dtype=np.intp)
+            self._jointed = numbers, np.array([self._arm_m(number) for number in numbers.tolist()])
+        return self._jointed
+
+    def _arm_m(self, number: int) -> float:
+        """How far the geoms of a rigid group are from the origin of its root, at most [m]."""
+        model, data = self.model, self.data
+        geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] == number)
+        arms = np.linalg.norm(data.geom_xpos[geoms] - data.xpos[number], axis=1) + model.geom_rbound[geoms]
+        return float(arms.max(initial=0.0))
+
+    @property
+    def _id_of_body(self) -> dict[int, BodyId]:
+        return {number: id for id, number in self.body_ids.items()}
+
     def _is_fast(self, root: BodyId, velocity: Array, spin: Array, min_speed: float) -> bool:
-        model, body_id = self.model, self.body_ids[root]
-        if np.linalg.norm(velocity) + np.linalg.norm(spin) * model.stat.extent <= min_speed:
-            return False
-        geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] == model.body_weldid[body_id])
-        arms = np.linalg.norm(self.data.geom_xpos[geoms] - self.data.xpos[body_id], axis=1) + model.geom_rbound[geoms]
-        return bool(np.linalg.norm(velocity) + np.linalg.norm(spin) * arms.max(initial=0.0) > min_speed)
+        return bool(np.linalg.norm(velocity) + np.linalg.norm(spin) * self._arm_m(self.body_ids[root]) > min_speed)
 
     def _velocity_at(self, body_id: int, point: Array) -> tuple[Array, Array]:
         """The velocity of a point of a body [m/s], and its angular velocity [rad/s], both in the world frame."""
         spin, linear = self.data.cvel[body_id, :3], self.data.cvel[body_id, 3:]
         return linear + np.cross(spin, point - self.data.subtree_com[self.model.body_rootid[body_id]]), spin.copy()
 
-    def obstacles(self, group: FastGroup, within_s: float) -> Iterator[Obstacle]:
-        """What a fast group will hit within a time [s].
+    def obstacles(self, group: FastGroup, within_s: float, contact_s: float) -> Iterator[Obstacle]:
+        """What a fast group will hit within a time [s], and for one that is not free, what it may pass through.
 
         Rays are cast from the corners and the center of each of its geoms. For a group that is not free, such as a door
         that sweeps over a table, rays against its motion are cast from what can move near it, too. Planes, which stop
         everything, and bodies that bounce are left out.
+
+        Args:
+            group: the group.
+            within_s: the time to look ahead [s].
+            contact_s: how long a body moves on after a contact began [s].
         """
-        model, data = self.model, self.data
+        model = self.model
         body_id = self.body_ids[group.root]
         is_own = self._geoms_of_tree(group.root)
         own = np.flatnonzero(is_own if group.is_free else model.body_weldid[model.geom_bodyid] == body_id)
-        for geom in own.tolist():
-            for point, velocity in self._moving_points(geom, group):
-                yield from self._hit(geom, point, velocity, within_s, is_own, is_reversed=False)
-        if group.is_free or not len(own):
-            return
-        others = np.flatnonzero(~is_own & (model.body_treeid[model.geom_bodyid] >= 0))
-        arms = np.linalg.norm(data.geom_xpos[own] - data.xpos[body_id], axis=1) + model.geom_rbound[own]
-        reach = np.linalg.norm(group.velocity) * within_s + min(np.linalg.norm(group.spin) * within_s, 2.0) * arms
-        distances = np.linalg.norm(data.geom_xpos[others, None] - data.geom_xpos[own], axis=2)
-        is_near = distances <= reach + model.geom_rbound[own] + model.geom_rbound[others, None]
-        for geom in others[is_near.any(axis=1)].tolist():
+        others = (
+            np.zeros(0, dtype=np.intp) if group.is_free else self._thin_geoms(group, own, is_own, within_s, contact_s)
+        )
+        if group.is_free or len(others):
+            for geom in own.tolist():
+                for point, velocity in self._moving_points(geom, group):
+                    yield from self._hit(geom, point, velocity, within_s, is_own, is_reversed=False)
+        for geom in others[model.body_treeid[model.geom_bodyid[others]] >= 0].tolist():
             for point, velocity in self._moving_points(geom, group):
                 yield from self._hit(geom, point, velocity, within_s, is_own, is_reversed=True)
+
+    def _thin_geoms(
+        self, group: FastGroup, own: NDArray[np.intp], is_own: NDArray[np.bool_], within_s: float, contact_s: float
+    ) -> NDArray[np.intp]:
+        """The geoms near enough to a group to be hit, and so thin, or it is, that they may pass through each other."""
+        model, data = self.model, self.data
+        arms = np.linalg.norm(data.geom_xpos[own] - data.xpos[self.body_ids[group.root]], axis=1)
+        arms += model.geom_rbound[own]
+        speed, spin = float(np.linalg.norm(group.velocity)), float(np.linalg.norm(group.spin))
+        others, half = np.flatnonzero(~is_own), model.geom_aabb[:, 3:].min(axis=1)
+        largest_m = (speed + spin * arms.max(initial=0.0)) * contact_s
+        if half[own].min(initial=np.inf) >= largest_m:
+            others = others[half[others] < largest_m]
+        reach = speed * within_s + min(spin * within_s, 2.0) * arms + model.geom_rbound[own]
+        distances = np.linalg.norm(data.geom_xpos[others, None] - data.geom_xpos[own], axis=2)
+        is_near = distances <= reach + model.geom_rbound[others, None]
+        is_near |= model.geom_rbound[others, None] <= 0.0  # planes
+        return np.asarray(others[is_near.any(axis=1)])
 
     def _moving_points(self, geom: int, group: FastGroup) -> Iterator[tuple[Array, Array]]:
         """Corners and center of a geom, and the velocity of a group there."""
