@@ -184,12 +184,11 @@ class TestOutcomes:
             ((Pull(thing="box", point=(0.09, 0.0, 0.0), target=(-0.45, 0.15, BOX_Z)),), 1e-2),
             ((Open(thing="door", fraction=0.4), Close(thing="hinge")), 5e-3),
             ((Open(thing="drawer", deadline_s=2.5),), 5e-3),
-            ((Wait(duration_s=1.0, deadline_s=0.3),), 1e-3),
             ((ChangePhysics(thing="box", gravity=False), Move(thing="box", by=(0.7, 0.0, 0.0))), 1e-3),
             ((ChangePhysics(thing="box", mass_kg=5.0), Push(thing="box", force=(0.0, 40.0, 0.0))), 2e-3),
         ],
         ids=[
-            "push", "tip", "fall", "tray", "place", "pull", "pull an end", "open and close", "jam", "late", "gravity",
+            "push", "tip", "fall", "tray", "place", "pull", "pull an end", "open and close", "jam", "gravity",
             "mass",
         ],
     )  # fmt: skip
@@ -217,7 +216,7 @@ class TestOutcomes:
         assert (ours.unknown, theirs.unknown) == (0, 0)
         assert 5 < theirs.succeeded < 43
         where = "the processor" if DEVICE == "cpu" else warp.get_device(DEVICE).name
-        assert f"MuJoCo Warp on {where}" in ours.assumptions[-1]
+        assert any(f"MuJoCo Warp on {where}" in each for each in ours.assumptions)
         low, high = wilson_interval(theirs.succeeded, 48)
         assert ours.probability is not None
         assert low <= ours.probability <= high
