@@ -23,6 +23,7 @@ from mindstage.engines.collision_filter import (
     TOUCH_TOLERANCE_M,
     CollisionFilter,
     CollisionFilterInput,
+    InteriorFloors,
     LooseOverlaps,
     compute_collision_filter,
     sorted_pair,
@@ -65,7 +66,7 @@ from mindstage.scene import (
     Pose,
     Vector,
 )
-from mindstage.scene.bounding_boxes import Indices
+from mindstage.scene.bounding_boxes import Indices, OrientedBoxes
 from mindstage.scene.collision_shapes import (
     CollisionShapeBatch,
     compile_geometry,
@@ -708,12 +709,28 @@ class PhysicsModelBuilder:
             has_geometry=self.mass_properties.has_geometry_mask(ids),
             tree=self._tree_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
+            floors=self._interior_floors(ids, poses) if settles else None,
             could_collide_before=lambda a, b: (
                 previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.given_excluded_pairs
             ),  # pairs that are excluded anyway need no decision
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
         return notes, loose if rows is None else loose.with_rows(rows)
+
+    def _interior_floors(self, ids: Sequence[BodyId], poses: Array) -> InteriorFloors:
+        """The surfaces inside of bodies, which are at poses."""
+        owners, centers, halves = list[int](), list[Vector](), list[Array]()
+        for row, id in enumerate(ids):
+            geometry = self.geometry.get(id)
+            for surface in geometry.support_surfaces if geometry else ():
+                if surface.is_inside:
+                    owners.append(row)
+                    centers.append(surface.center)
+                    halves.append(np.insert(surface.size, int(np.argmax(np.abs(surface.normal))), 0.0) / 2)
+        at = poses[owners].copy()
+        at[:, :3] += quat_rotate(at[:, 3:], np.reshape(centers, (-1, 3)))
+        boxes = OrientedBoxes.from_poses(at, 2 * np.reshape(halves, (-1, 3)))
+        return InteriorFloors(np.array(owners, dtype=np.intp), *boxes.bounds())
 
     def _rows_near(self, new_ids: set[BodyId], poses: Array, state: _CollisionState) -> list[int] | None:
         """Rows of the bodies on which the decisions about a few new bodies depend, in order; None for all.
@@ -816,7 +833,7 @@ class PhysicsModelBuilder:
             )
         )
         notes += settlement.notes
-        for a, b in settlement.nested_pairs:
+        for a, b in (*settlement.nested_pairs, *settlement.stuck_pairs):
             self.collision_filter.excluded_pairs.add(sorted_pair(ids[a], ids[b]))
         if settlement.nested_pairs:
             notes += nested_notes([(ids[a], ids[b]) for a, b in settlement.nested_pairs])

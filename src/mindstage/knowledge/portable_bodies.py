@@ -69,8 +69,9 @@ def with_portable_bodies(world: World, source_map: SourceMap, rule_of: Callable[
     listed = ", ".join(names[:_MAX_NAMED]) + (" and others" if len(names) > _MAX_NAMED else "")
     evidence = f"people carry what is of the {counted(len(names), 'body')} {listed}, and each has something below it"
     source_map.record_assumption("mobility of portable bodies", "dynamic", evidence)
+    assumed = {"mobility": Mobility.DYNAMIC, "assumed": ("mobility",)}
     bodies = (
-        replace(each, physics=replace(each.physics, mobility=Mobility.DYNAMIC)) if each.id in supported else each
+        replace(each, physics=replace(each.physics, **assumed)) if each.id in supported else each
         for each in world.bodies
     )
     return replace(world, bodies=tuple(bodies))

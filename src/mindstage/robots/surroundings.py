@@ -24,7 +24,15 @@ from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry
-from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    normalized_pose_array,
+    pose_inverse,
+    pose_multiply,
+    quat_conjugate,
+    quat_rotate,
+)
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.simulation import Simulation
 
@@ -44,7 +52,7 @@ class ArticulatedPart(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     container: BodyId
     joint: SimulationJoint
     handle: BodyId | None
-    """None if no handle belongs to it."""
+    """None if no handle belongs to it, and nothing else that can be held."""
 
     @property
     def openness(self) -> float:
@@ -233,7 +241,8 @@ class Surroundings:
             except KnowledgeError as error:
                 self._odd_parts[id] = container, error
                 continue
-            yield ArticulatedPart(id=id, container=container, joint=joint, handle=self._handle_of(id))
+            handle = self._handle_of(id) or self._knob_of(id, container)
+            yield ArticulatedPart(id=id, container=container, joint=joint, handle=handle)
 
     def _joint_of(self, part: BodyId) -> SimulationJoint:
         """The only joint of a part that has a range.
@@ -260,6 +269,20 @@ class Surroundings:
         rows = self._session.ask("handle_of", individual=self._bodies[part].iri)
         handles = [self._by_iri[row.handle] for row in rows if row.handle in self._by_iri]
         return max(handles, key=lambda each: float(np.prod(self._bodies[each].size or (0.0,))), default=None)
+
+    def _knob_of(self, part: BodyId, container: BodyId) -> BodyId | None:
+        """What is attached to a part and farther out than it, of whatever class, such as a knob; the farthest one."""
+        found: dict[BodyId, float] = {}
+        pose, size = self.pose(part), np.asarray(self.body(part).size or (np.inf,) * 3)
+        outward = pose[:3] - self.pose(container)[:3]
+        for each in self.world.attachments:
+            if each.parent != part or each.child not in self._bodies:
+                continue
+            offset = self.pose(each.child)[:3] - pose[:3]
+            beyond = np.abs(quat_rotate(quat_conjugate(pose[3:]), offset)) - size / 2
+            if beyond.max() > 0.0 and offset @ outward > 0.0:
+                found[each.child] = float(beyond.max())
+        return max(found, key=found.__getitem__, default=None)
 
     # -- places ------------------------------------------------------------------------------------------------------
 

@@ -802,6 +802,16 @@ def test_a_suction_cup_is_no_gripper_and_the_robot_says_so(tmp_path: Path) -> No
     assert "is not simulated" in note.text
 
 
+def test_a_gripper_that_nothing_moves_is_none_and_the_robot_says_so(tmp_path: Path) -> None:
+    tool = (
+        '<link name="gripper_body"/><joint name="j" type="fixed"><parent link="b"/><child link="gripper_body"/></joint>'
+    )
+    model = load_model(written(tmp_path, TWO_LINKS.replace("</robot>", f"{tool}</robot>")))
+    assert model.grippers == ()
+    (note,) = (note for note in model.notes if note.subject == "gripper_body")
+    assert "no joint moves it" in note.text
+
+
 def test_fingers_that_overlap_are_no_gripper_and_nothing_can_be_picked_up(tmp_path: Path) -> None:
     thick = hand(("palm", "left_finger", "right_finger"), toward=1.0).replace("0.04 0.01 0.02", "0.04 0.12 0.02")
     model = load_model(written(tmp_path, thick))

@@ -15,8 +15,21 @@ import mindstage as ms
 from mindstage.engines.base import Engine
 from mindstage.robots import add_robot, find_robot
 from mindstage.robots.robot import Robot
+from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills import SkillOutcome, SkillResult, SkillStep, can_open, start_skill
-from mindstage.scene import AngularLimits, AxisMotion, BodyId, Iri, Joint, LinearLimits, Mobility, Pose, Vector, World
+from mindstage.scene import (
+    AngularLimits,
+    Attachment,
+    AxisMotion,
+    BodyId,
+    Iri,
+    Joint,
+    LinearLimits,
+    Mobility,
+    Pose,
+    Vector,
+    World,
+)
 from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import quat_rotate
 from tests.kitchenette import kitchenette
@@ -242,3 +255,18 @@ def test_closed_fronts_that_touch_do_not_block_each_other(tmp_path: Path, overla
         lower_moved = robot.session.joint("LowerDrawer").openness
     assert result, result.reason
     assert lower_moved < 0.05
+
+
+def test_a_knob_that_is_attached_to_a_front_is_its_handle(tmp_path: Path) -> None:
+    world = kitchenette()
+    knob = world.body("DrawerHandle").cls.replace("#Handle", "#ControlKnob")
+    bodies = [
+        msgspec.structs.replace(each, cls=Iri(knob)) if each.id == "DrawerHandle" else each for each in world.bodies
+    ]
+    rack = box("Rack", (2.22, 0.0, 0.65), (0.03, 0.2, 0.03), Mobility.KINEMATIC)  # behind the drawer
+    attached = Attachment(parent=BodyId("Drawer"), child=BodyId("Rack"))
+    world = msgspec.structs.replace(world, bodies=(*bodies, rack), attachments=(*world.attachments, attached))
+    with opened(world, tmp_path) as robot:
+        part = SkillTask(robot).surroundings().articulated_part(BodyId("Drawer"))
+        assert part.handle == "DrawerHandle"
+        assert can_open(robot, "Drawer")

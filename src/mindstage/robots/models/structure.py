@@ -365,7 +365,11 @@ class _StructureFinder:
         return float(np.linalg.norm(points - poses[joint.child][:3], axis=1).max()) <= _MAX_FINGER_M
 
     def _note_tools(self, grippers: Sequence[Gripper]) -> None:
-        """Says of suction cups, magnets and hooks that nothing is grasped with them."""
+        """Says of suction cups, magnets and hooks, and of grippers that nothing moves, that they grasp nothing."""
+        named = [name for name in self.tree.links if is_named_as_finger(name)]
+        if named and not grippers and all(each.subject != "gripper" for each in self.notes):
+            text = "it is named as a part of a gripper, but no joint moves it, so the robot has none"
+            self.notes.append(ModelNote(subject=named[0], text=text, is_guess=False))
         fingers = {link for each in grippers for link in self.tree.subtree(each.link)}
         for name in self.tree.links:
             if _TOOL.search(name) and name not in fingers:

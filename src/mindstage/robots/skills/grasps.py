@@ -31,6 +31,7 @@ from mindstage.scene.transforms import (
 )
 
 __all__ = [
+    "FINGER_CLEARANCE_M",
     "Grasp",
     "GripperShape",
     "approaches_of",
@@ -41,7 +42,7 @@ __all__ = [
     "sweeps_of",
 ]
 
-_CLEARANCE_M = 0.006
+FINGER_CLEARANCE_M = 0.006
 """Least distance of each open finger from what is grasped."""
 _ROOM_M = 0.025
 """Distance of each open finger from what it is to grasp, where the gripper opens that far."""
@@ -280,7 +281,7 @@ def diagonal_grasps_of(
             inward = cos(angle + turn * pi / 2) * axes[first] + sin(angle + turn * pi / 2) * axes[second]
             across = np.cross(axes[long], inward)
             width = box.extent(across)
-            if width > shape.opening - 2 * _CLEARANCE_M:
+            if width > shape.opening - 2 * FINGER_CLEARANCE_M:
                 continue
             for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFT_FRACTIONS):
                 if not shape.touches(shape.tip_from(width) - beyond, width):
@@ -458,7 +459,7 @@ def _box_grasps(
     axes = rotation_matrix(box.pose[3:]).T
     for closing in range(3):
         width = float(box.size[closing])
-        if not _MIN_THICKNESS_M <= width <= shape.opening - 2 * _CLEARANCE_M:
+        if not _MIN_THICKNESS_M <= width <= shape.opening - 2 * FINGER_CLEARANCE_M:
             continue
         others = [axis for axis in range(3) if axis != closing]
         for number in range(_ANGLES):

@@ -8,6 +8,7 @@ from math import cos, isfinite, pi, sin
 import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
+from mindstage.robots.collisions import Collision, HandChecker
 from mindstage.robots.floor_poses import planar_pose
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.link_tree import LinkTree
@@ -17,7 +18,7 @@ from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportNa
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
-from mindstage.robots.skills.grasps import Grasp, grasps_of
+from mindstage.robots.skills.grasps import FINGER_CLEARANCE_M, Grasp, grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
@@ -329,7 +330,7 @@ def _find_grasp(
     if upright:
         level = [each for each in grasps if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
         grasps = level or grasps
-    grasps = _in_many_directions(grasps, pose)
+    grasps = _in_many_directions(_free_grasps(hand, thing, grasps), pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
     request = GraspMotionRequest(thing.id, grasps, lifted, _BACK_M, container=thing.container, least=0.9, stays=stays)
@@ -346,13 +347,38 @@ def _find_grasp(
             raise error from None
 
 
+def _free_grasps(hand: Manipulator, thing: Thing, grasps: Sequence[Grasp]) -> list[Grasp]:
+    """The grasps at which the gripper alone is free, wherever the robot stands, perhaps with less room.
+
+    Raises:
+        UnreachableError: there is none.
+    """
+    checker = HandChecker(hand.robot, hand.gripper, touch={thing.id})
+    largest_m = hand.gripper.max_opening_m
+    found, hits = list[Grasp](), list[Collision]()
+    for each in grasps:
+        openings = dict.fromkeys((each.opening_m(largest_m), each.tight().opening_m(largest_m)))
+        for opening_m in openings:
+            hit = hand.hit_before(checker, each.in_world(thing.pose), _BACK_M, opening_m)
+            if hit is None:
+                found.append(each)
+                break
+            hits.append(hit)
+    if not found:
+        nearest = max(hits, key=lambda each: each.distance_m - each.least_m)
+        reason = f"the gripper has no room at each of {len(grasps)} grasps of it: at best {nearest}"
+        raise UnreachableError(hand.robot.name, target=thing.id, reason=reason, obstacle=nearest.obstacle)
+    return found
+
+
 def _why_no_grasp(hand: Manipulator, thing: Thing) -> str:
     """Why a thing does not fit between the fingers."""
     gripper = hand.gripper
     if gripper.type is not GripperType.PARALLEL:
         return f"the {gripper.name} has no fingers that close on each other"
     narrowest_m, opening_m = min(thing.body.size or (0.0,)), gripper.max_opening_m
-    return f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    text = f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    return f"{text}, with {FINGER_CLEARANCE_M * 1000:.0f} mm of room for each finger"
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
 from mindstage.robots.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
-from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, HandChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.floor_poses import BaseFrame, BasePose, wrapped
 from mindstage.robots.models.robot_model import Arm, BaseType, Gripper
@@ -283,6 +283,23 @@ class Manipulator:
         if offset[0] > _ON_LINE_M or np.hypot(*offset[1:3]) > _ON_LINE_M or turn > _ON_LINE_RAD:
             return inf
         return max(-float(offset[0]), 0.0)
+
+    def hit_before(self, checker: HandChecker, at: Array, back_m: float, opening_m: float) -> Collision | None:
+        """What the gripper alone touches at a grasp, or on the straight line to it; None if it is free.
+
+        Args:
+            checker: of this gripper.
+            at: the pose of the grasp frame at the grasp, in the world frame.
+            back_m: length of the line [m]; less if the hand is on it already.
+            opening_m: how far the gripper is open [m].
+        """
+        length_m = min(back_m, self.distance_before(at))
+        fingers = self.fingers_at(opening_m)
+        for part in (0.0, 0.5, 1.0):
+            place = pose_multiply(at, np.array([-part * length_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            if (hit := checker.find(place, fingers, strictly=True)) is not None:
+                return hit
+        return None
 
     @property
     def held(self) -> BodyId | None:

@@ -488,15 +488,8 @@ class _PartMotionSearch:
     def _hit_before(self, checker: HandChecker, way: PartContact, grasp: Grasp, at: Array) -> Collision | None:
         """What the gripper touches at a grasp, or on the straight line to it."""
         checker.set_joint(self.part.joint.id, float(self.positions[0]))
-        hand = self.hand
-        opening_m = 0.0 if way is PartContact.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
-        fingers = hand.fingers_at(opening_m)
-        for back in (0.0, 0.5, 1.0):
-            length = back * min(BACK_M[way is not PartContact.EDGE], hand.distance_before(at))
-            place = pose_multiply(at, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-            if (hit := checker.find(place, fingers, strictly=True)) is not None:
-                return hit
-        return None
+        opening_m = 0.0 if way is PartContact.PUSH else grasp.opening_m(self.hand.gripper.max_opening_m)
+        return self.hand.hit_before(checker, at, BACK_M[way is not PartContact.EDGE], opening_m)
 
     def _free_part(self, checker: HandChecker, way: PartContact, grasp: Grasp, path: Array) -> float:
         """The part of the path along which the gripper is free."""
