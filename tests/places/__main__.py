@@ -112,11 +112,13 @@ def _share(count: int, total: int) -> str:
     return f"{count} ({low:.0%} to {high:.0%})".replace("%", " %") if total else "0"
 
 
-def page(results: Sequence[CellResult], command: str) -> str:
-    """The page of the documentation."""
+def page(results: Sequence[CellResult], command: str, note: str = "") -> str:
+    """The page of the documentation, with a note on how the cells were tried."""
     seeds = ", ".join(map(str, sorted({each.cell.seed for each in results})))
     too_few = TOO_FEW if len(results) < ENOUGH else ""
     parts = [HEAD.format(command=command, count=len(results), seeds=seeds, too_few=too_few)]
+    if note:
+        parts.append(f"{note}\n\n")
     for title, of in (("kind", _kind), ("robot", _robot), ("skill", _skill), ("dialect", _dialect), ("style", _style)):
         parts.append(f"## By {title}\n\n{table(results, title, of)}\n")
     assisted = [each for each in results if each.verdict is Verdict.ASSISTED]
@@ -183,6 +185,7 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=1, help="number of processes")
     parser.add_argument("--out", type=Path, help="the file of the results; by default build/places-SEED.jsonl")
     parser.add_argument("--page", action="store_true", help=f"write {PAGE.relative_to(ROOT)}")
+    parser.add_argument("--note", default="", help="a sentence for the page, such as what was tried otherwise")
     options = parser.parse_args()
     out = options.out or ROOT / "build" / f"places-{options.seed}.jsonl"
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -203,7 +206,7 @@ def main() -> int:
         command = shlex.join(
             ["python", "-m", "tests.places", "--seed", str(options.seed), "--cells", str(len(results))]
         )
-        PAGE.write_text(page(results, command), encoding="utf-8")
+        PAGE.write_text(page(results, command, options.note), encoding="utf-8")
     return int(any(each.verdict in (Verdict.FALSE, Verdict.ERROR) for each in results))
 
 
