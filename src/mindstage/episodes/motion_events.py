@@ -282,7 +282,7 @@ class FallDetector:
         acceleration = vertical_acceleration(times, heights, limits.window_s)
         if acceleration is None or acceleration > -limits.fall_min_acceleration_m_s2:
             return
-        start = free_flight_begin(times, heights, limits.window_s, _FLIGHT_TOLERANCE_M)
+        start = free_flight_begin(times, heights, limits.window_s, limits.flight_tolerance_m)
         top = float(heights[times >= start - _ROUNDING_S].max())
         if top - heights[-1] < limits.fall_min_height_m:
             return
@@ -299,8 +299,6 @@ class FallDetector:
         self._log.end(event, sample.time_s, amount=height, evidence=(text,))
 
 
-_FLIGHT_TOLERANCE_M = 0.006
-"""Deviation from a parabola within which a body is in free flight [m]: what a fall from rest covers within a frame."""
 _ROUNDING_S = 1e-6
 
 
@@ -401,6 +399,8 @@ class _Place:
     """Where it rested last, in the frame of the support [m]."""
     rest_s: float
     """The last time at which it was there [s]."""
+    samples: int = 1
+    """The number of samples of which `rest` is the mean."""
     path: deque[tuple[float, Array]] = field(default_factory=deque)
     """Where it has been since, as far back as its end is dated; empty while it rests."""
     progress: Array | None = None
@@ -480,8 +480,11 @@ class SlideDetector:
             return
         if not place.path:
             distance = _horizontal(now - place.rest, key[1], sample)
-            if distance <= _RESTS_M:
+            if distance <= limits.rest_m:
                 place.rest_s = time_s
+                if place.samples < _REST_SAMPLES:
+                    place.samples += 1
+                    place.rest = place.rest + (now - place.rest) / place.samples
             elif distance > limits.still_m:
                 place.progress, place.progress_s = now, time_s
                 place.path.append((time_s, now))
@@ -534,12 +537,12 @@ class SlideDetector:
         angles = np.arccos(np.clip(up[:, 2], -1.0, 1.0))
         return np.asarray(angles > _TILT_RAD_S * max(sample.time_s - start_s, 1e-9))
 
-    @staticmethod
-    def _stopped_s(place: _Place) -> float:
+    def _stopped_s(self, place: _Place) -> float:
         """The first time from which a body has been where it is now on its support [s]."""
-        found, now = place.path[-1]
+        found = place.path[-1][0]
+        now = np.mean([at for time_s, at in place.path if time_s >= found - _STOP_S], axis=0)
         for time_s, at in reversed(place.path):
-            if np.linalg.norm(at - now) > _RESTS_M:
+            if np.linalg.norm(at - now) > self._limits.rest_m:
                 break
             found = time_s
         return found
@@ -553,8 +556,9 @@ class SlideDetector:
             place.event = None
 
 
-_RESTS_M = 0.0005
-"""A body that is displaced by less rests [m]: begins and ends of slides are dated by it."""
+_REST_SAMPLES = 90
+_STOP_S = 0.1
+"""The time over which the place is averaged at which a body has stopped [s]."""
 _TILT_RAD_S = 0.5
 """Speed at which the vertical axis of a body turns from which it tips rather than slides [rad/s]."""
 
