@@ -482,9 +482,9 @@ class SlideDetector:
             distance = _horizontal(now - place.rest, key[1], sample)
             if distance <= limits.rest_m:
                 place.rest_s = time_s
-                if place.samples < _REST_SAMPLES:
-                    place.samples += 1
-                    place.rest = place.rest + (now - place.rest) / place.samples
+            if distance <= limits.still_m and place.samples < _REST_SAMPLES:
+                place.samples += 1
+                place.rest = place.rest + (now - place.rest) / place.samples
             elif distance > limits.still_m:
                 place.progress, place.progress_s = now, time_s
                 place.path.append((time_s, now))
