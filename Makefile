@@ -23,7 +23,7 @@ pytest_options ?= -raR -n auto --dist worksteal
 random_tests ?= $(addprefix tests/,scene msgs bridge geometry simulation)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-random test-slow check docs bench mutants fuzz kitchen pictures pin clean
+.PHONY: help demo test test-random test-slow check docs bench mutants fuzz places kitchen pictures pin clean
 .DELETE_ON_ERROR:
 
 help:  ## list the targets
@@ -79,6 +79,9 @@ mutants: .venv/dev.stamp  ## mutation testing: a score by package; `make mutants
 
 fuzz: .venv/dev.stamp  ## fuzzing of every reader and port for FUZZ_S seconds (600)
 	@$(python) scripts/fuzz.py --seconds $(or $(FUZZ_S),600)
+
+places: .venv/dev.stamp  ## skills of robots in 600 generated homes of the day, and their rates; places_options="--cells 60"
+	@$(python) -m tests.places --workers 2 --page $(places_options)
 
 corpus: .venv/run.stamp  ## try all maps of a folder and print a table: make corpus MAPS=folder
 	@test -n "$(MAPS)" || { echo "give a folder of maps: make corpus MAPS=folder" >&2; exit 2; }

@@ -137,7 +137,7 @@ def _gpu() -> Iterator[Measure]:
 
         def run(on: Executor, count: int) -> float:
             return _seconds(
-                lambda: evaluate_plan(simulation, plan, samples=count, width=None, workers=on, budget_s=600.0)
+                lambda: evaluate_plan(simulation, plan, samples=count, fixed=True, workers=on, budget_s=600.0)
             )
 
         for on, _ in runs:
@@ -161,7 +161,7 @@ def _workers(sim: Simulation) -> Iterator[Measure]:
             evaluate_plan(sim, plan, samples=4, workers=pool)
         pairs = [
             tuple(
-                _seconds(lambda pool=pool: evaluate_plan(sim, plan, samples=60, width=None, workers=pool))
+                _seconds(lambda pool=pool: evaluate_plan(sim, plan, samples=60, fixed=True, workers=pool))
                 for pool in (one, two)
             )
             for _ in range(3)

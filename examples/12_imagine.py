@@ -12,7 +12,7 @@ uncertainty:
 
 with ms.open("bundled:kitchen") as sim:
     sim.step(0.5)
-    verdict = ms.evaluate_plan(sim, PLAN, samples=10, seed=1, width=None)
+    verdict = ms.evaluate_plan(sim, PLAN, samples=10, seed=1, fixed=True)
     print(verdict)
     if verdict.first_failure is not None:
         print("why:", verdict.first_failure.cause)

@@ -37,6 +37,7 @@ LONG_MODULES = (
     "imagination/test_warp.py",
     "maps/test_fuzz_hostile.py",
     "maps/test_fuzz_structure.py",
+    "places/test_places.py",
     "prolog/test_cli.py",
     "rendering/test_photographs.py",
     "robots/test_skills.py",

@@ -91,6 +91,18 @@ def test_the_python_of_a_page_prints_what_its_comments_state(name: str, least: i
     assert run_python(code, tmp_path) == expected
 
 
+def test_the_map_of_the_page_about_own_maps_is_complete(tmp_path: Path) -> None:
+    own_map = page("how-to/own-map.md")
+    room, own_class = blocks("turtle", own_map)
+    room += own_class + ":mug a :MugOfMine ; knowrob:describedInMap :room ; knowrob:pose [ a knowrob:Pose ;\n"
+    room += '    knowrob:translation "1.0 1.0 0.77" ; knowrob:quaternion "1 0 0 0" ] .\n'
+    (tmp_path / "room.ttl").write_text(room, encoding="utf-8")
+    (code,) = blocks("python", own_map)
+    assert run_python(code, tmp_path) == ["['table', 'floor']", "True"]
+    result = CliRunner().invoke(app, ["validate", str(tmp_path / "room.ttl"), "--json"])
+    assert json.loads(result.stdout)["findings"] == []
+
+
 @pytest.mark.parametrize(
     "name", ["index.md", "reference/python/index.md", "reference/shapes.md", "how-to/many-samples.md", "how-to/gpu.md"]
 )

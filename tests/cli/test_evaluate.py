@@ -50,10 +50,10 @@ def test_a_plan_that_fails_exits_with_1_and_names_the_cause(run: Run, plan: Path
     assert again.stdout == result.stdout
 
 
-def test_a_plan_that_does_not_end_in_its_budget_exits_with_2(run: Run, plan: Path) -> None:
+def test_a_plan_that_does_not_end_in_its_budget_exits_with_3(run: Run, plan: Path) -> None:
     plan.write_text("steps:\n- {do: wait, duration_s: 3600, deadline_s: 3600}\ndeadline_s: 3600\n")
     result = run("evaluate", plan, KITCHEN, "--budget", 1)
-    assert result.exit_code == 2
+    assert result.exit_code == 3
     assert "the budget of 1 s was used up" in result.stdout
 
 

@@ -69,3 +69,6 @@ def test_arguments_of_descriptions_are_given_by_name(run: Run, tmp_path: Path) -
         result = run("spawn", path, "--no-viewer", "--xacro-arg", *wrong)
         assert result.exit_code == 2
         assert "--xacro-arg" in result.stderr
+    result = run("spawn", path, "--no-viewer", "--xacro-arg", "m:=1")
+    assert result.exit_code == 2
+    assert "it has no argument 'm'; there is n" in " ".join(result.stderr.split())

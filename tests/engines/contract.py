@@ -26,7 +26,21 @@ import pytest
 
 from mindstage.engines import Capability, DynamicsScale, Engine, SpawnNoteKind, SpawnReport
 from mindstage.errors import AttachmentError, BodyNotFoundError, EngineClosedError, PoseUnreachableError
-from mindstage.scene import Body, BodyId, BodyPhysics, Joint, JointMimic, Material, Mobility, Pose, World, diff
+from mindstage.scene import (
+    AngularLimits,
+    AxisMotion,
+    Body,
+    BodyId,
+    BodyPhysics,
+    Joint,
+    JointMimic,
+    LinearLimits,
+    Material,
+    Mobility,
+    Pose,
+    World,
+    diff,
+)
 from mindstage.scene.edits import Attach, Delete, Detach, SetLabel, SetMaterials, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import normalize, quat_angle, quat_rotate
 from tests.engines.geometries import box_shape, geometry
@@ -42,6 +56,9 @@ from tests.engines.scenes import (
     room,
     world,
 )
+
+ALL_FREE = LinearLimits(x=AxisMotion.FREE, y=AxisMotion.FREE, z=AxisMotion.FREE)
+NO_LIMITS = AngularLimits(swing1=AxisMotion.FREE, swing2=AxisMotion.FREE, twist=AxisMotion.FREE)
 
 
 def current_pose(engine: Engine, id: str) -> np.ndarray:
@@ -516,6 +533,22 @@ class PhysicsContract(DescriptionContract):
         assert displacement(engine, "shelf", np.array([0.3, 0, 1.0])) < 0.001
         assert current_pose(engine, "box")[2] == pytest.approx(1.12, abs=0.005)
 
+    def test_a_joint_that_constrains_nothing_changes_nothing(self, engine: Engine) -> None:
+        """As floating joints in descriptions of robots and places, of which each thing has one to the root."""
+        table, cup = (
+            body("table", (0, 0, 0.4), (1.0, 1.0, 0.8)),
+            body("cup", (0.2, 0, 0.85), (0.1, 0.1, 0.1), "dynamic", 0.3),
+        )
+        slab = body("slab", (0, 0, 1.0), (0.5, 0.5, 0.1), "dynamic", 1.0)
+        floating = [
+            msgspec.structs.replace(fixed_joint(f"of_{id}", "table", id, (0, 0, 0)), linear=ALL_FREE, angular=NO_LIMITS)
+            for id in ("cup", "slab")
+        ]
+        engine.apply(Spawn(world(FLOOR, table, cup, slab, *floating)))
+        engine.step(2.0)
+        assert displacement(engine, "cup", np.array([0.2, 0, 0.85])) < 0.002
+        assert current_pose(engine, "slab")[2] > 0.85
+
     def test_a_joint_connects_two_dynamic_bodies(self, engine: Engine) -> None:
         engine.apply(
             Spawn(
@@ -625,6 +658,20 @@ class PhysicsContract(DescriptionContract):
         engine.step(1.0)
         assert displacement(engine, "lamp", np.array([0, 0, 2.0])) < 1e-3
         assert any("stuck" in note.text for note in report.notes if "lamp" in note.ids)
+
+    def test_what_is_added_inside_an_arm_is_solid_as_soon_as_that_was_out_of_it(self, engine: Engine) -> None:
+        """The tip of the arm, 0.3 m before its middle, begins 3 cm behind the face of the block."""
+        rail, arm = body("rail", (0, 0, 0.2), (0.1,) * 3), body("arm", (0, 0, 0.5), (0.6, 0.04, 0.04), "dynamic", 1.0)
+        engine.apply(Spawn(world(rail, arm, prismatic_joint("slide", "rail", "arm", (0, 0, 0.5)))))
+        report = engine.apply(Spawn(world(body("block", (0.37, 0, 0.5), (0.2, 0.2, 0.2))))).report
+        assert any("do not collide" in note.text for note in report.notes)
+        apply_force_for(engine, "arm", (8.0, 0.0, 0.0), 0.5)
+        assert current_pose(engine, "arm")[0] > 0.02
+        apply_force_for(engine, "arm", (-8.0, 0.0, 0.0), 1.0)
+        engine.step(0.3)
+        assert current_pose(engine, "arm")[0] < -0.04
+        apply_force_for(engine, "arm", (8.0, 0.0, 0.0), 1.5)
+        assert current_pose(engine, "arm")[0] == pytest.approx(-0.03, abs=0.005)
 
     def test_an_immovable_body_stays_and_keeps_its_described_mobility(self, engine: Engine) -> None:
         wall = body("wall", (0, 0, 1.5), (0.2, 4, 3), "dynamic", 500.0)

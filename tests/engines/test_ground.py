@@ -324,3 +324,27 @@ def test_sky_spheres_change_nothing(seed: int) -> None:
         assert "-0.100 m" in engine.assumptions[0]
         engine.step(1.0)
         assert heights(engine)["crate"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_ground_is_not_where_the_map_is_doubtful() -> None:
+    """A wall whose mesh has its origin at the top hangs 4 m below the floor; a later spawn, a copy and undo agree."""
+    wall = body("wall", (3, 1, -2), (4, 0.2, 4))
+    doubtful = frozenset({wall.id})
+    with closing(MujocoEngine()) as engine:
+        engine.apply(Spawn(world(ROOM, CRATE, wall), ground=True))
+        assert "-4.000 m" in engine.assumptions[0], "without the finding"
+        engine.clear()
+        engine.apply(Spawn(world(ROOM, wall), ground=True, uncertain_poses=doubtful))
+        engine.apply(engine.apply(Delete((wall.id,))).inverse)
+        with closing(engine.fork()) as fork:
+            for each in (engine, fork):
+                each.apply(Spawn(world(CRATE), ground=True))
+                assert "-0.100 m" in each.assumptions[0]
+                each.step(1.0)
+                assert heights(each)["crate"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_doubtful_bodies_count_if_there_is_nothing_else() -> None:
+    with closing(MujocoEngine()) as engine:
+        engine.apply(Spawn(world(ROOM, CRATE), ground=True, uncertain_poses=frozenset({CRATE.id, ROOM.id})))
+        assert "-0.100 m" in engine.assumptions[0]

@@ -13,6 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine, model_cache, regions
+from mindstage.errors import EngineMemoryError
 from mindstage.scene import Body, BodyId, Joint, Pose, World
 from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
 from mindstage.scene.transforms import Array
@@ -354,3 +355,60 @@ def test_models_are_not_read_from_a_folder_of_someone_else(monkeypatch: pytest.M
     monkeypatch.setattr("mindstage.engines.mujoco.model_files.is_own_folder", lambda folder: False)
     engine_of(row_of_furniture(5, places=60)).step(0.1)
     assert not list((tmp_path / "models").iterdir())
+
+
+def test_after_an_error_of_memory_no_region_keeps_a_part_of_the_step() -> None:
+    """The referee has enough memory, and goes as far; then the heap that needs too much of it is deleted in both."""
+    heap = [
+        _box(f"heap{n}", (30.0 + 0.104 * (n % 6), 0.104 * (n // 6 % 6), 0.01 + 0.104 * (n // 36)), np.full(3, 0.1), 1.0)
+        for n in range(216)
+    ]
+    tray = body("tray", (0, 0, 0.5), (0.4, 0.4, 0.02), "kinematic")
+    boxes = [_box(f"box{n}", (-5.0 - n, 0.0, 0.0), np.full(3, 0.1), 1.0) for n in range(12)]
+    cup = _box("cup", (0, 0, 0.51), np.full(3, 0.1), 0.3)
+    position = world(body("floor", (10, 0, -0.05), (80, 10, 0.1)), tray, cup, *boxes, *heap)
+    failing, referee = MujocoEngine(memory_cap_bytes=1_450_000), MujocoEngine()
+    for engine in (failing, referee):
+        engine.apply(Spawn(position, settle=False))
+    failed_at_s, cycles = None, 0
+    while failed_at_s is None and cycles < 20:
+        cycles += 1
+        for engine in (failing, referee):
+            engine.apply(SetPoses({BodyId("tray"): Pose((0.01 * cycles, 0.0, 0.5))}))
+        try:
+            failing.step(0.02)
+        except EngineMemoryError:
+            failed_at_s = failing.time_s
+        else:
+            referee.step(0.02)
+    assert failed_at_s == referee.time_s
+    assert len(failing._cache.regions) > 2
+    np.testing.assert_array_equal(failing.poses()[1], referee.poses()[1])
+    for engine in (failing, referee):
+        engine.apply(Delete(tuple(each.id for each in heap)))
+        engine.step(0.2)
+    assert current_pose(failing, "tray")[0] == 0.01 * cycles
+    assert current_pose(failing, "cup")[0] > 0.005 * cycles
+    np.testing.assert_array_equal(failing.poses()[1], referee.poses()[1])
+
+
+def test_a_model_of_a_neighborhood_has_what_is_near_as_it_is_and_changes_nothing() -> None:
+    position = row_of_furniture(3)
+    engine, untouched = engine_of(position), engine_of(position)
+    for each in (engine, untouched):
+        push_some(each, position, 3)
+    ids, poses = engine.poses()
+    at = ids.index(BodyId(next(each for each in ids if each.startswith("box"))))
+    near = engine.compiled_near([ids[at]], within_m=3.0)
+    found = near.poses()
+    for id, row in near.rows.items():
+        np.testing.assert_allclose(found[row], poses[ids.index(id)], atol=1e-12)
+    sizes = {each.id: np.linalg.norm(each.size or (0, 0, 0)) for each in position.bodies}
+    distances = np.linalg.norm(poses[:, :3] - poses[at, :3], axis=1)
+    assert near.rows.keys() >= {id for id, distance in zip(ids, distances, strict=True) if distance < 3.0}
+    far = {id for id, distance in zip(ids, distances, strict=True) if distance > 6.0 + sizes[id]}
+    assert len(far) > 20
+    assert near.rows.keys().isdisjoint(far)
+    for each in (engine, untouched):
+        each.step(0.5)
+    np.testing.assert_array_equal(engine.poses()[1], untouched.poses()[1])

@@ -206,7 +206,7 @@ def ground_of(loose: list[float], fixed: list[float]) -> float:
     boxes = OrientedBoxes.from_poses(poses, np.full((len(bottoms), 3), 0.5))
     is_loose = np.arange(len(bottoms)) < len(loose)
     everywhere = np.ones(len(bottoms), dtype=bool)
-    return find_ground_height(boxes, belongs=everywhere, is_loose=is_loose, unsupported=is_loose)
+    return find_ground_height(boxes, belongs=everywhere, is_loose=is_loose, unsupported=is_loose, is_certain=everywhere)
 
 
 def test_the_ground_is_at_the_lowest_body_unless_that_fell_before() -> None:

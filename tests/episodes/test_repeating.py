@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from mindstage.engines.mujoco import MujocoEngine
+from mindstage.engines.mujoco import MujocoEngine, regions
 from mindstage.episodes import Episode, Recorder
 from mindstage.episodes.recording import EpisodeEdit
 from mindstage.episodes.repeating import repeat_edits
@@ -17,6 +18,8 @@ from mindstage.robots import add_robot, find_robot
 from mindstage.scene import BodyId, Pose, diff
 from mindstage.scene.edits import SetPoses, edit_to_json
 from mindstage.simulation import Simulation
+from tests.engines.contract import apply_force_for
+from tests.engines.scenes import body, prismatic_joint, world
 from tests.kitchenette import kitchenette
 
 MUG, DRAWER, FRIDGE = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge")
@@ -51,6 +54,55 @@ def test_a_recording_can_be_executed_again_with_a_robot(tmp_path: Path) -> None:
         assert diff(after, again.snapshot()).identical(1e-6)
         assert find_robot(again).exists
         assert again.engine.run(lambda engine: engine.actuator_states()).keys() == actuators.keys()
+
+
+def test_a_recording_of_a_world_of_several_regions_gives_the_same_bits_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The partition and its handovers are functions of the edits and of the state, so that they are not recorded."""
+    monkeypatch.setattr(regions, "REGION_BODIES", 5)
+    row = [body(f"box{n}", (0.4 * n, 0.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(24)]
+    position = world(
+        body("floor", (5, 0, -0.05), (30, 20, 0.1)), body("ram", (-1, 0, 0.1), (0.2,) * 3, "kinematic"), *row
+    )
+    poses = []
+    for again in (False, True):
+        with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=60.0) as sim:
+            sim.spawn(position)
+            if again:
+                with Episode(tmp_path / "run.mcap") as episode:
+                    repeat_edits(episode, sim)
+            else:
+                with Recorder(sim, tmp_path / "run.mcap"):
+                    sim.step(0.1)
+                    for cycle in range(40):
+                        sim.apply(SetPoses({BodyId("ram"): Pose((-1.0 + 0.05 * cycle, 0.0, 0.1))}))
+                        sim.step(0.02)
+                    sim.edits.delete([BodyId("box7")])
+                    sim.step(0.1)
+                    sim.spawn(world(body("late", (2.4, 0.0, 0.5), (0.2, 0.2, 0.2), "dynamic", 1.0)))
+            sim.step(1.0)
+            counts = sim.engine.run(lambda engine: len(engine._cache.regions))  # type: ignore[attr-defined]
+            assert counts > 2
+            poses.append(sim.state.poses)
+    assert float(poses[0][2][0]) > 0.3, "the ram has pushed the row"
+    np.testing.assert_array_equal(*poses)
+
+
+def test_what_touches_when_a_recording_is_continued_collides_though_it_began_inside_each_other(tmp_path: Path) -> None:
+    """An arm is out of the block into which it was put, and at its face: it is not pushed into it again."""
+    rail, arm = body("rail", (0, 0, 0.2), (0.1,) * 3), body("arm", (0, 0, 0.5), (0.6, 0.04, 0.04), "dynamic", 1.0)
+    with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=60.0) as sim:
+        sim.spawn(world(rail, arm, prismatic_joint("slide", "rail", "arm", (0, 0, 0.5))))
+        with Recorder(sim, tmp_path / "run.mcap"):
+            sim.spawn(world(body("block", (0.37, 0, 0.5), (0.2, 0.2, 0.2))))
+            sim.step(0.1)
+            for x in (-0.2, -0.0299):
+                sim.apply(SetPoses({BodyId("arm"): Pose((x, 0.0, 0.5))}))
+                sim.step(0.1)
+    with Episode(tmp_path / "run.mcap") as episode, episode.resume(episode.end_s) as resumed:
+        resumed.engine.run(lambda engine: apply_force_for(engine, "arm", (8.0, 0.0, 0.0), 1.0))
+        assert resumed.engine.run(lambda engine: float(engine.poses()[1][1][0])) == pytest.approx(-0.03, abs=1e-3)
 
 
 def test_a_robot_of_a_copy_is_committed_as_a_robot() -> None:

@@ -52,7 +52,7 @@ def test_movable_containers_stand_on_their_floor_only(shape_name: str) -> None:
 
 
 def test_the_floor_of_a_drawer_is_at_its_level_parameter() -> None:
-    geometry = build_geometry(template_by_name("drawer", {"level": -0.05}), (0.5, 0.6, 0.2))
+    geometry = build_geometry(template_by_name("drawer", {"levels": [-0.05]}), (0.5, 0.6, 0.2))
     assert geometry.support_surfaces[0].center[2] == -0.05
     assert is_solid_at(geometry, 0.0, 0.0, -0.0501)
     assert not is_solid_at(geometry, 0.0, 0.0, -0.0499)
@@ -63,6 +63,13 @@ def test_a_tall_drawer_has_several_trays() -> None:
     levels = [surface.center[2] for surface in geometry.support_surfaces]
     assert len(levels) == 2
     assert levels == sorted(levels)
+
+
+def test_a_drawer_has_trays_where_contents_stand() -> None:
+    geometry = build_geometry(template_by_name("drawer", {"levels": [-0.6, -0.2, 0.3]}), (0.53, 0.3, 1.32))
+    assert [surface.center[2] for surface in geometry.support_surfaces] == [-0.6, -0.2, 0.3]
+    assert is_solid_at(geometry, 0.0, 0.0, -0.2001)
+    assert not is_solid_at(geometry, 0.0, 0.0, 0.0)
 
 
 def test_a_case_is_open_at_the_front_with_shelves_at_its_levels() -> None:

@@ -9,17 +9,21 @@ from hashlib import sha256
 from pathlib import Path
 
 import msgspec
+import mujoco
 import numpy as np
 import pytest
 
 import mindstage as ms
+from mindstage.engines.mujoco.mjcf import world_to_mjcf
 from mindstage.errors import InvalidArgumentError
+from mindstage.geometry import fit_geometry
 from mindstage.homes import HomePart, HomeStyle, generate_home
+from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import write_map
 from mindstage.scene import Mobility, World
 from tests.cli.conftest import run
 from tests.cli.runner import Run, json_output
-from tests.homes.referee import Referee
+from tests.referee import PlaceReferee
 
 __all__ = ["run"]
 
@@ -29,12 +33,17 @@ def kitchen() -> World:
     return generate_home(seed=11, clutter=0.15)
 
 
+def referee_of(world: World) -> PlaceReferee:
+    export = world_to_mjcf(world, geometry=fit_geometry(world, KnowledgeBase()).geometry)
+    return PlaceReferee(mujoco.MjModel.from_xml_string(export.text, dict(export.files)))
+
+
 @pytest.fixture
-def referee(kitchen: World) -> Referee:
-    return Referee(kitchen)
+def referee(kitchen: World) -> PlaceReferee:
+    return referee_of(kitchen)
 
 
-def test_nothing_overlaps(referee: Referee) -> None:
+def test_nothing_overlaps(referee: PlaceReferee) -> None:
     assert referee.overlaps() == set()
 
 
@@ -56,12 +65,12 @@ def test_no_furniture_overlaps(style: HomeStyle) -> None:
         assert overlapping_boxes(generate_home(seed=seed, style=style, clutter=0)) == set()
 
 
-def test_every_front_opens_over_its_whole_range(referee: Referee) -> None:
+def test_every_front_opens_over_its_whole_range(referee: PlaceReferee) -> None:
     assert len(referee.hinged) > 15
     assert referee.hit_while_opening() == set()
 
 
-def test_nothing_moves_by_more_than_a_centimeter_in_five_seconds(referee: Referee) -> None:
+def test_nothing_moves_by_more_than_a_centimeter_in_five_seconds(referee: PlaceReferee) -> None:
     assert len(referee.loose) > 30
     assert referee.moved(5.0) == {}
 
@@ -79,7 +88,7 @@ def test_the_referee_notices_what_is_planted(kitchen: World) -> None:
     top = counter_top.pose.position[2] + (counter_top.size or (0.0,) * 3)[2] / 2
     loose = (body for body in kitchen.bodies if body.physics.is_dynamic and body.size)
     thing = next(each.id for each in loose if abs(each.pose.position[2] - (each.size or (0,) * 3)[2] / 2 - top) < 1e-4)
-    lifted = Referee(moved(thing, (0.0, 0.0, 0.05)))
+    lifted = referee_of(moved(thing, (0.0, 0.0, 0.05)))
     assert thing in lifted.moved(0.5)
     assert any(counter_top.id in pair for pair in overlapping_boxes(moved(counter_top.id, (0.0, 0.0, -0.01))))
     slide = next(joint for joint in kitchen.joints if joint.linear.x == 1)
@@ -87,7 +96,7 @@ def test_the_referee_notices_what_is_planted(kitchen: World) -> None:
     turn = 2 * np.arctan2(slide.pose.quaternion[3], slide.pose.quaternion[0])
     before_it = np.array(slide.pose.position) + 0.3 * np.array([np.cos(turn), np.sin(turn), 0.0])
     x, y, z = before_it - lamp.pose.position
-    in_the_way = Referee(moved(lamp.id, (x, y, z)))
+    in_the_way = referee_of(moved(lamp.id, (x, y, z)))
     assert any(slide.child in pair for pair in in_the_way.hit_while_opening())
 
 

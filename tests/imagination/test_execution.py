@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from scipy.stats import binom, norm
 
 from mindstage.engines import NullEngine
 from mindstage.engines.mujoco import MujocoEngine
@@ -28,6 +29,7 @@ from mindstage.imagination import (
     SampleResult,
     Uncertainty,
     Wait,
+    evaluate_plan,
     run_plan,
     validate_plan,
 )
@@ -155,15 +157,41 @@ class TestSteps:
 
 
 class TestDeadlines:
-    def test_a_step_that_takes_longer_than_its_deadline_is_late(self) -> None:
-        result = execute(Wait(duration_s=3.0, deadline_s=0.5))
-        assert (result.outcome, result.cause and result.cause.kind) == (Outcome.FAILED, EventKind.LATE)
-        assert result.duration_s <= 0.5
+    @pytest.mark.parametrize(
+        "step",
+        [
+            Wait(duration_s=15.0),
+            Wait(duration_s=40.0),
+            Wait(duration_s=40.0, deadline_s=50.0),
+            Push(thing="box", force=(0.1, 0.0, 0.0), duration_s=12.0),
+        ],
+    )
+    def test_a_step_has_the_time_that_it_takes(self, step: Wait | Push) -> None:
+        result = execute(step)
+        assert result.outcome is Outcome.SUCCEEDED
+        assert result.duration_s >= step.duration_s
 
-    def test_the_whole_plan_has_a_deadline(self) -> None:
-        result = execute(Wait(duration_s=3.0), Wait(duration_s=3.0), deadline_s=4.0)
-        assert result.cause is not None
-        assert (result.cause.kind, result.cause.step) == (EventKind.LATE, 1)
+    @pytest.mark.parametrize(
+        ("steps", "deadline_s", "place"),
+        [
+            ((Wait(duration_s=3.0, deadline_s=0.5),), None, "steps[0].deadline_s: the step takes 3 s"),
+            ((Wait(duration_s=3.0), Wait(duration_s=3.0)), 4.0, "deadline_s: the steps take 6 s"),
+            ((Wait(duration_s=3.0, deadline_s=50.0),), 20.0, "steps[0].deadline_s: 50 s is later"),
+            ((Pull(thing="box", target=(0.0, 0.0, 1.0), deadline_s=30.0),), 20.0, "steps[0].deadline_s: 30 s is later"),
+        ],
+    )
+    def test_deadlines_that_contradict_durations_are_refused(
+        self, steps: tuple[Wait, ...], deadline_s: float | None, place: str
+    ) -> None:
+        with pytest.raises(PlanError) as refused:
+            execute(*steps, deadline_s=deadline_s)
+        assert str(refused.value).startswith(place)
+
+    def test_a_step_that_is_not_done_in_time_is_late(self) -> None:
+        box = Pull(thing="box", target=(3.0, 0.0, TABLE_HEIGHT_M + 0.05), deadline_s=0.5)
+        result = execute(box, Wait(duration_s=1.0))
+        assert result.outcome is Outcome.FAILED
+        assert result.duration_s <= 0.5
 
     def test_a_plan_ends_when_its_condition_holds_or_is_late(self) -> None:
         on_floor = Check(question="where_is", args={"thing": "box"}, expect={"relation": "on", "other": "floor"})
@@ -180,6 +208,65 @@ class TestDeadlines:
             result = run_plan(sim, Plan(steps=(Wait(duration_s=5.0),)), stop=lambda: next(calls))
         assert (result.outcome, result.is_interrupted) == (Outcome.UNKNOWN, True)
         assert result.duration_s <= 0.5
+
+
+class TestOverlaps:
+    """A thing that is set into a solid: what the physics corrects is no silent success."""
+
+    @pytest.mark.parametrize(
+        ("position", "other"),
+        [
+            ((2.0, 0.0, -0.05), "floor"),  # 10 cm
+            ((-0.5, 0.0, 0.35), "table"),  # in the middle of it
+            ((-1.05, 0.0, 0.06), "table"),  # 5 cm into its side
+            ((-2.0, 0.0, 0.9), "cabinet"),
+        ],
+    )
+    def test_a_pose_deep_in_a_solid_is_refused(self, position: tuple[float, float, float], other: str) -> None:
+        result = execute(Move(thing="box", to=list(position)), Wait(duration_s=0.5))
+        assert result.outcome is Outcome.FAILED
+        assert result.cause is not None
+        assert (result.cause.kind, result.cause.thing, result.cause.other) == (EventKind.REFUSED, "box", other)
+        assert f"inside of {other}" in result.cause.text
+
+    def test_what_is_corrected_by_the_physics_is_reported_with_both_ends(self) -> None:
+        other = body("other", (-0.5, 0.3, BOX_Z), (0.2, 0.1, 0.1), "dynamic", 1.0)
+        step = Move(thing="box", to=[-0.5, 0.21, BOX_Z])  # 1 cm into the other box
+        with on_table(BOX, other) as sim:
+            result = run_plan(sim, Plan(steps=(step, Wait(duration_s=1.0))))
+            assert sim.snapshot().body("other").pose.position[1] > 0.302
+        assert result.outcome is Outcome.SUCCEEDED, "by default they are allowed"
+        assert result.began_in_collision
+        kinds = {event.kind: event for event in result.events}
+        assert kinds[EventKind.COLLIDED].amount == pytest.approx(0.01, abs=1e-3)
+        assert (kinds[EventKind.CORRECTED].thing, kinds[EventKind.CORRECTED].other) == ("box", "other")
+        assert (kinds[EventKind.MOVED].thing, kinds[EventKind.MOVED].other) == ("other", "box")
+        total = (kinds[EventKind.CORRECTED].amount or 0.0) + (kinds[EventKind.MOVED].amount or 0.0)
+        assert total == pytest.approx(0.01, abs=4e-3), "how far they had to part"
+        for kind in ("corrected", "moved", "collided"):
+            with on_table(BOX, other) as sim:
+                assert run_plan(sim, Plan(steps=(step, Wait(duration_s=1.0)), forbid=(kind,))).outcome is Outcome.FAILED
+
+    def test_what_only_touches_begins_in_no_collision(self) -> None:
+        for position in ((-0.5, 0.0, BOX_Z - 0.001), (-1.1, 0.3, 0.05), (-0.5, 0.0, BOX_Z + 0.01)):
+            result = execute(Move(thing="box", to=list(position)), Wait(duration_s=0.5), forbid=())
+            assert not result.began_in_collision, position
+            assert not {EventKind.CORRECTED, EventKind.MOVED} & {event.kind for event in result.events}
+
+    def test_the_share_of_samples_that_begin_in_collision_is_that_of_the_noise(self) -> None:
+        wall = body("wall", (0.5, 0.0, 0.5), (0.1, 2.0, 1.0))
+        plan = Plan(
+            steps=(Move(thing="box", to=[0.34, 0.0, 0.05]), Wait(duration_s=0.5)),  # 1 cm from the wall
+            uncertainty=(Uncertainty(thing="box", position_m=(0.01, 0.0, 0.0)),),
+        )
+        with on_table(BOX, wall) as sim:
+            verdict = evaluate_plan(sim, plan, samples=150, fixed=True)
+        share = norm.sf((0.01 + 0.002) / 0.01)
+        low, high = binom.ppf([0.0005, 0.9995], 150, share)
+        assert low <= verdict.began_in_collision <= high
+        assert f"{verdict.began_in_collision / 150:.0%} began in collision, such as: box is" in str(verdict)
+        assert max(verdict.end_poses("box")[:, 0]) < 0.352, "all were pushed out"
+        assert verdict.to_dict()["began_in_collision"] == verdict.began_in_collision
 
 
 class TestEvents:

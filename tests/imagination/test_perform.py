@@ -211,7 +211,7 @@ def test_a_plan_has_time_for_its_skills() -> None:
 def test_a_verdict_states_what_skills_assumed(room: SimulationImage) -> None:
     plan = PlanBuilder().perform("approach", thing="cube").uncertain("cube", position_m=0.01).build()
     with room.restore() as sim:
-        verdict = evaluate_plan(sim, plan, samples=2, width=None)
+        verdict = evaluate_plan(sim, plan, samples=2, fixed=True)
     assert verdict.succeeded == 2
     assert "the way is free" in verdict.assumptions
     with room.restore() as sim:

@@ -27,7 +27,7 @@ def test_a_box_falls_off_an_edge_with_a_probability_of_a_half_when_half_of_it_ov
         for overhang_m in (-0.004, -0.002, 0.002):  # beyond half of the depth
             steps = (Move(thing="box", to=Pose((overhang_m, 0.0, z))), Wait(duration_s=2.0))
             plan = Plan(steps=steps, uncertainty=(Uncertainty(thing="box", position_m=(0.001, 0.0, 0.0)),))
-            verdict = evaluate_plan(simulation, plan, samples=10, width=None)
+            verdict = evaluate_plan(simulation, plan, samples=10, fixed=True)
             assert verdict.unknown == 0
             falls.append(verdict.failed / verdict.samples)
             for result in verdict.results:
@@ -77,6 +77,6 @@ def test_a_random_friction_decides_whether_a_box_slides() -> None:
         plan = Plan(
             steps=(Wait(duration_s=1.0),), uncertainty=(Uncertainty(thing="box", friction=0.2, mass=0.3),), forbid=()
         )
-        verdict = evaluate_plan(simulation, plan, samples=60, width=None)
+        verdict = evaluate_plan(simulation, plan, samples=60, fixed=True)
         slid = sum("box" in each.end_poses and each.end_poses["box"].position[0] > 0.05 for each in verdict.results)
         assert 15 < slid < 45

@@ -75,7 +75,7 @@ def test_a_carton_that_overhangs_falls_and_answers_and_verdicts_name_the_assumed
     assumption = "a ground is assumed at a height of 0.000 m, since the map has none below carton"
     with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True) as simulation:
         simulation.spawn(World(iri=Iri(MAP + "map"), bodies=tuple(bodies)))
-        assert simulation.ask("stays", thing="cup")[0].why.endswith(assumption) is not has_floor
+        assert (assumption in simulation.ask("stays", thing="cup")[0].why) is not has_floor
         answers = simulation.ask("stays", thing="carton")
         assert not answers
         assert "carton fell by 0.70 m from table" in reasons(answers)
@@ -101,7 +101,7 @@ def test_a_mug_on_a_cupboard_stays_and_a_box_over_its_edge_falls(sim: Simulation
         1,
     )
     assert row.moved_m < 0.005
-    assert "nothing is uncertain" in row.why
+    assert "no uncertainty is stated" in row.why
     falls = sim.ask("stays", "Overhanging")
     assert not falls
     assert "Overhanging does not stay: Overhanging " in reasons(falls)

@@ -67,10 +67,10 @@ def cluster() -> Iterator[Any]:
 def test_a_cluster_gives_the_verdict_of_this_process_and_loses_nothing_with_a_node(
     sim: Simulation, cluster: Any
 ) -> None:
-    alone = evaluate_plan(sim, NEAR_EDGE, samples=200, width=None, seed=3)
+    alone = evaluate_plan(sim, NEAR_EDGE, samples=200, fixed=True, seed=3)
     with RayExecutor() as executor:
         assert executor.name == "a Ray cluster of 2 cores"
-        few = evaluate_plan(sim, NEAR_EDGE, samples=20, width=None, seed=3, workers=executor)
+        few = evaluate_plan(sim, NEAR_EDGE, samples=20, fixed=True, seed=3, workers=executor)
         assert few.results == alone.results[:20]
         begun = threading.Event()
 
@@ -84,7 +84,7 @@ def test_a_cluster_gives_the_verdict_of_this_process_and_loses_nothing_with_a_no
             sim,
             NEAR_EDGE,
             samples=200,
-            width=None,
+            fixed=True,
             seed=3,
             workers=executor,
             progress=lambda _: begun.set(),

@@ -48,7 +48,7 @@ def uncertain(tmp_path: Path) -> Iterator[Simulation]:
 
 
 def test_a_stated_deviation_makes_samples_differ_and_is_an_assumption_of_the_verdict(uncertain: Simulation) -> None:
-    verdict = evaluate_plan(uncertain, Plan(steps=(Wait(duration_s=1.0),)), samples=60, seed=2, width=None)
+    verdict = evaluate_plan(uncertain, Plan(steps=(Wait(duration_s=1.0),)), samples=60, seed=2, fixed=True)
     assert verdict.outcome is Outcome.FAILED
     assert verdict.samples == 60
     assert 0.4 < (verdict.probability or 0.0) < 0.8  # 0.6: it falls if it is displaced by a quarter of 0.02 m
@@ -113,5 +113,5 @@ def test_the_covariance_of_the_best_perception_of_knowrob_is_used(tmp_path: Path
 def test_friction_and_mass_vary_how_far_a_push_goes(tmp_path: Path) -> None:
     with simulate(tmp_path, ":middle_box ms:massDeviation 0.3 ; ms:frictionDeviation 0.3 .") as simulation:
         plan = Plan(steps=(Push(thing="middle_box", force=(0.0, 9.0, 0.0), duration_s=0.2), Wait(duration_s=0.5)))
-        verdict = evaluate_plan(simulation, plan, samples=12, width=None)
+        verdict = evaluate_plan(simulation, plan, samples=12, fixed=True)
     assert verdict.end_poses("middle_box")[:, 1].std() > 0.005

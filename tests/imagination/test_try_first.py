@@ -156,8 +156,8 @@ def test_samples_with_skills_are_the_same_in_other_processes_and_again() -> None
         sim.spawn(world(body("floor", (0.0, 0.0, -0.05), (9.0, 9.0, 0.1)), box))
         add_robot(sim, "mobile_manipulator")
         plan = PlanBuilder().perform("go_to", x=0.3, y=0.2).perform("park").uncertain("box", mass=0.1).build()
-        here = evaluate_plan(sim, plan, samples=2, width=None)
-        there = evaluate_plan(sim, plan, samples=2, width=None, workers=2)
+        here = evaluate_plan(sim, plan, samples=2, fixed=True)
+        there = evaluate_plan(sim, plan, samples=2, fixed=True, workers=2)
         assert here.succeeded == 2, here
         assert here.results == there.results
         assert [done.skill for done in here.results[0].skills] == ["go_to", "park"]

@@ -30,6 +30,7 @@ from mindstage.imagination import (
     Uncertainty,
     Wait,
     WorkerPoolExecutor,
+    confidence_sequence,
     evaluate_plan,
     wilson_interval,
 )
@@ -76,7 +77,7 @@ def test_the_interval_is_that_of_published_tables() -> None:
 
 
 def test_a_verdict_counts_its_samples_and_names_the_first_failure(sim: Simulation) -> None:
-    verdict = evaluate_plan(sim, NEAR_EDGE, samples=30, width=None)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=30, fixed=True)
     assert verdict.outcome is Outcome.FAILED
     assert not verdict
     assert (verdict.samples, verdict.succeeded + verdict.failed, verdict.unknown) == (30, 30, 0)
@@ -97,9 +98,9 @@ def test_a_verdict_counts_its_samples_and_names_the_first_failure(sim: Simulatio
 
 
 def test_the_outcome_follows_from_the_interval_and_the_threshold(sim: Simulation) -> None:
-    p = evaluate_plan(sim, NEAR_EDGE, samples=30, width=None).probability or 0.0
+    p = evaluate_plan(sim, NEAR_EDGE, samples=30, fixed=True).probability or 0.0
     for threshold, outcome in ((0.1, Outcome.SUCCEEDED), (p, Outcome.UNKNOWN), (0.95, Outcome.FAILED)):
-        assert evaluate_plan(sim, NEAR_EDGE, samples=30, width=None, threshold=threshold).outcome is outcome
+        assert evaluate_plan(sim, NEAR_EDGE, samples=30, fixed=True, threshold=threshold).outcome is outcome
 
 
 def test_a_plan_without_uncertainty_is_one_sample_with_a_certain_outcome(sim: Simulation) -> None:
@@ -111,12 +112,12 @@ def test_a_plan_without_uncertainty_is_one_sample_with_a_certain_outcome(sim: Si
     assert (verdict.outcome, verdict.interval) == (Outcome.FAILED, (0.0, 0.0))
 
 
-def test_it_ends_when_the_interval_is_narrow_enough(sim: Simulation) -> None:
+def test_it_ends_when_the_interval_does_not_contain_the_threshold(sim: Simulation) -> None:
     safe = Plan(steps=(Wait(duration_s=0.1),), uncertainty=(Uncertainty(thing="box", position_m=0.01),))
-    verdict = evaluate_plan(sim, safe, samples=1000, width=0.2)
-    assert verdict.samples == 20, "the interval of 20 successes of 20 is 0.16 wide, that of 10 of 10 is 0.28"
-    assert "narrower" in verdict.stopped
-    assert evaluate_plan(sim, safe, samples=20, width=0.2, workers=WorkerPoolStandIn()).samples == 20
+    verdict = evaluate_plan(sim, safe, samples=1000, threshold=0.7)
+    assert verdict.samples == 20, "20 successes of 20 show at least 0.7, 10 of 10 do not"
+    assert verdict.stopped == "the interval is at least 0.7"
+    assert evaluate_plan(sim, safe, samples=30, threshold=0.7, workers=WorkerPoolStandIn()).samples == 20
 
 
 class WorkerPoolStandIn(InProcessExecutor):
@@ -127,23 +128,24 @@ class WorkerPoolStandIn(InProcessExecutor):
 
 
 def test_the_same_seed_gives_the_same_json_on_one_and_on_two_workers(sim: Simulation, pool: WorkerPoolExecutor) -> None:
-    alone = evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35)
-    assert alone.to_json() == evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35).to_json()
-    assert alone.to_json() == evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=pool).to_json()
-    shuffled = evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, width=0.35, workers=WorkerPoolStandIn())
+    alone = evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, threshold=0.3)
+    assert alone.to_json() == evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, threshold=0.3).to_json()
+    assert alone.to_json() == evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, threshold=0.3, workers=pool).to_json()
+    shuffled = evaluate_plan(sim, NEAR_EDGE, samples=40, seed=7, threshold=0.3, workers=WorkerPoolStandIn())
     assert alone.to_json() == shuffled.to_json()
-    assert alone != evaluate_plan(sim, NEAR_EDGE, samples=40, seed=8, width=0.35)
+    assert alone != evaluate_plan(sim, NEAR_EDGE, samples=40, seed=8, threshold=0.3)
 
 
 def test_the_json_has_the_promised_fields(sim: Simulation) -> None:
     content = json.loads(evaluate_plan(sim, NEAR_EDGE, samples=10).to_json())
     assert set(content) == {
-        "outcome", "probability", "interval", "samples", "succeeded", "failed", "unknown", "seed", "threshold",
-        "stopped", "why", "first_failure", "causes", "assumptions", "end_positions", "plan",
+        "outcome", "probability", "interval", "interval_kind", "samples", "succeeded", "failed", "unknown", "seed",
+        "threshold", "stopped", "more_samples", "began_in_collision", "why", "first_failure", "causes", "assumptions",
+        "sensitivity", "end_positions", "plan",
     }  # fmt: skip
     assert content["outcome"] == "failed"
     assert content["first_failure"]["cause"]["thing"] == "box"
-    assert content["plan"]["steps"][1] == {"do": "wait", "duration_s": 1.0, "deadline_s": 10.0}
+    assert content["plan"]["steps"][1] == {"do": "wait", "duration_s": 1.0, "deadline_s": None}
 
 
 def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simulation) -> None:
@@ -154,7 +156,7 @@ def test_a_thousand_imaginations_leave_the_world_bit_for_bit_the_same(sim: Simul
 
     before, world = bits(sim), sim.snapshot()
     plan = Plan(steps=(Push(thing="box", force=(5.0, 0.0, 0.0), duration_s=0.02),), uncertainty=NEAR_EDGE.uncertainty)
-    assert evaluate_plan(sim, plan, samples=1000, width=None, budget_s=300).samples == 1000
+    assert evaluate_plan(sim, plan, samples=1000, fixed=True, budget_s=300).samples == 1000
     assert bits(sim) == before
     assert diff(world, sim.snapshot()).identical(0.0)
 
@@ -222,7 +224,7 @@ def test_workers_that_die_while_a_plan_is_canceled_leave_samples_unknown(
     assert (verdict.outcome, verdict.stopped) == (Outcome.UNKNOWN, "canceled")
     assert verdict.samples == verdict.unknown
     assert len(killed) == 2
-    assert evaluate_plan(sim, NEAR_EDGE, samples=4, width=None, workers=pool).samples == 4, "they are replaced"
+    assert evaluate_plan(sim, NEAR_EDGE, samples=4, fixed=True, workers=pool).samples == 4, "they are replaced"
 
 
 def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulation, pool: WorkerPoolExecutor) -> None:
@@ -235,7 +237,7 @@ def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulatio
     killer = threading.Thread(target=kill)
     killer.start()
     verdict = evaluate_plan(
-        sim, NEAR_EDGE, samples=120, width=None, workers=pool, progress=lambda progress: first_batch.set()
+        sim, NEAR_EDGE, samples=120, fixed=True, workers=pool, progress=lambda progress: first_batch.set()
     )
     killer.join(60.0)
     assert (verdict.samples, verdict.unknown) == (120, 1)
@@ -243,7 +245,7 @@ def test_a_killed_worker_makes_its_sample_unknown_and_is_replaced(sim: Simulatio
     assert lost.cause is not None
     assert "signal 9" in lost.cause.text
     assert len(pool.process_ids) == 2
-    alone = evaluate_plan(sim, NEAR_EDGE, samples=120, width=None)
+    alone = evaluate_plan(sim, NEAR_EDGE, samples=120, fixed=True)
     assert [each for each in alone.results if each.index != lost.index] == [
         each for each in verdict.results if each is not lost
     ]
@@ -279,7 +281,7 @@ def test_unknown_samples_are_never_failed() -> None:
 
     with on_table(body("box", (-0.5, 0.0, BOX_Z), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
         safe = Plan(steps=(Wait(duration_s=0.1),), uncertainty=(Uncertainty(thing="box", position_m=0.01),))
-        verdict = evaluate_plan(sim, safe, samples=20, width=None, workers=Losing())
+        verdict = evaluate_plan(sim, safe, samples=20, fixed=True, workers=Losing())
     assert (verdict.succeeded, verdict.failed, verdict.unknown) == (10, 0, 10)
     assert verdict.probability == 1.0
     assert verdict.interval == (wilson_interval(10, 20)[0], 1.0)
@@ -333,7 +335,7 @@ MIXED = (
 
 
 def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: Simulation) -> None:
-    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, fixed=True, workers=Given(*MIXED), threshold=0.2, seed=3)
     assert [each.index for each in verdict.results] == list(range(10))
     assert (verdict.samples, verdict.succeeded, verdict.failed, verdict.unknown) == (10, 3, 6, 1)
     assert verdict.probability == pytest.approx(3 / 9)
@@ -349,8 +351,9 @@ def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: 
     ]
     low, high = verdict.interval
     assert str(verdict) == (
-        f"unknown: 3 of 9 samples succeeded (0.33, 95 % interval {low:.2f} to {high:.2f}); 1 is unknown; "
-        "sample 3: box fell from shelf"
+        f"unknown: 3 of 9 samples succeeded (0.33, 95 % interval after Wilson {low:.2f} to {high:.2f}); 1 is unknown: "
+        f"the node is gone; it ended since all samples were run; about {verdict.more_samples} more samples would "
+        "decide whether it is at least 0.2; sample 3: box fell from shelf"
     )
     assert verdict.stopped == "all samples were run"
     assert "the samples were made up" in verdict.assumptions
@@ -361,7 +364,7 @@ def test_every_sample_is_counted_with_its_cause_whatever_order_they_end_in(sim: 
 
 
 def test_the_json_of_a_verdict_has_its_numbers(sim: Simulation) -> None:
-    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*MIXED), threshold=0.2, seed=3)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, fixed=True, workers=Given(*MIXED), threshold=0.2, seed=3)
     found = json.loads(verdict.to_json())
     for name in ("outcome", "probability", "samples", "succeeded", "failed", "unknown", "seed", "threshold", "stopped"):
         assert found[name] == getattr(verdict, name), name
@@ -390,20 +393,19 @@ def test_the_json_of_a_verdict_has_its_numbers(sim: Simulation) -> None:
 
 
 def test_samples_after_the_one_that_decides_do_not_count(sim: Simulation) -> None:
-    # Wilson's interval of 30 of 30 is 0.114 wide, that of 40 of 40 is 0.088
     executor = Given(*(sample(index) for index in range(60)))
-    verdict = evaluate_plan(sim, NEAR_EDGE, samples=60, width=0.1, workers=executor)
-    assert (verdict.samples, verdict.succeeded) == (40, 40)
-    assert verdict.stopped == "the interval is narrower than 0.1"
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=60, workers=executor)
+    assert (verdict.samples, verdict.succeeded) == (50, 50)
+    assert verdict.stopped == "the interval is at least 0.9"
     assert verdict.outcome is Outcome.SUCCEEDED
-    assert len(executor.taken) == 40
+    assert len(executor.taken) == 50
     backwards = Given(*(sample(index) for index in range(59, -1, -1)))
-    assert evaluate_plan(sim, NEAR_EDGE, samples=60, width=0.1, workers=backwards) == verdict
+    assert evaluate_plan(sim, NEAR_EDGE, samples=60, workers=backwards) == verdict
 
 
 def test_a_trial_without_all_of_its_samples_says_why(sim: Simulation) -> None:
     early = Given(*(sample(index) for index in range(7)))
-    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=early, budget_s=55.0)
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=10, fixed=True, workers=early, budget_s=55.0)
     assert (verdict.samples, verdict.stopped) == (7, "the budget of 55 s was used up")
     canceled = evaluate_plan(sim, NEAR_EDGE, samples=10, workers=Given(sample(0)), cancel=lambda: True)
     assert (canceled.samples, canceled.stopped) == (1, "canceled")
@@ -411,7 +413,7 @@ def test_a_trial_without_all_of_its_samples_says_why(sim: Simulation) -> None:
     assert (nothing.outcome, nothing.probability, nothing.interval) == (Outcome.UNKNOWN, None, (0.0, 1.0))
     assert str(nothing) == "unknown: no sample has a known outcome (the budget of 60 s was used up)"
     interrupted = [lost_sample(index, "stopped", is_interrupted=True) for index in range(10)]
-    ended = evaluate_plan(sim, NEAR_EDGE, samples=10, width=None, workers=Given(*interrupted))
+    ended = evaluate_plan(sim, NEAR_EDGE, samples=10, fixed=True, workers=Given(*interrupted))
     assert ended.stopped == "the budget of 60 s was used up"
     assert ended.outcome is Outcome.UNKNOWN
 
@@ -419,16 +421,16 @@ def test_a_trial_without_all_of_its_samples_says_why(sim: Simulation) -> None:
 def test_progress_counts_what_has_ended_so_far(sim: Simulation) -> None:
     seen: list[Progress] = []
     results = [sample(index, None if index % 5 else LATE) for index in range(25)]
-    evaluate_plan(sim, NEAR_EDGE, samples=25, width=None, workers=Given(*results), progress=seen.append)
+    evaluate_plan(sim, NEAR_EDGE, samples=25, fixed=True, workers=Given(*results), progress=seen.append)
     assert [(each.done, each.samples, each.succeeded, each.failed) for each in seen] == [
         (10, 25, 8, 2),
         (20, 25, 16, 4),
         (25, 25, 20, 5),
     ]
     assert [each.interval for each in seen] == [
-        wilson_interval(8, 10),
-        wilson_interval(16, 20),
-        wilson_interval(20, 25),
+        confidence_sequence(8, 10),
+        confidence_sequence(16, 20),
+        confidence_sequence(20, 25),
     ]
 
 
@@ -448,7 +450,7 @@ def test_what_skills_assumed_is_listed_with_the_number_of_samples(sim: Simulatio
         return sample(index, skills=(skill, skill))
 
     results = (with_skills(0, "rare", "all"), with_skills(1, "all", "often"), with_skills(2, "often", "all"))
-    verdict = evaluate_plan(sim, NEAR_EDGE, samples=3, width=None, workers=Given(*results))
+    verdict = evaluate_plan(sim, NEAR_EDGE, samples=3, fixed=True, workers=Given(*results))
     assert verdict.assumptions[-3:] == ("all", "in 2 samples of 3: often", "in 1 sample of 3: rare")
 
 
@@ -484,7 +486,7 @@ def test_bad_input_is_named_before_anything_runs(
 
 def test_progress_is_reported_after_each_batch(sim: Simulation) -> None:
     seen: list[Progress] = []
-    verdict = ms.evaluate_plan(sim, NEAR_EDGE, samples=25, width=None, progress=seen.append)
+    verdict = ms.evaluate_plan(sim, NEAR_EDGE, samples=25, fixed=True, progress=seen.append)
     assert [each.done for each in seen] == [10, 20, 25]
     assert seen[-1].succeeded == verdict.succeeded
-    assert seen[-1].interval == verdict.interval
+    assert seen[-1].interval == confidence_sequence(verdict.succeeded, 25)

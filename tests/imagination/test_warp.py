@@ -212,8 +212,8 @@ class TestOutcomes:
                 assert turned < 10.0 * tolerance_m + 0.002, id
 
     def test_the_probability_of_an_uncertain_plan_agrees_and_so_do_the_samples(self, sim: Simulation) -> None:
-        ours = evaluate_plan(sim, NEAR_EDGE, samples=48, seed=7, width=None, workers=on_cpu(16))
-        theirs = evaluate_plan(sim, NEAR_EDGE, samples=48, seed=7, width=None)
+        ours = evaluate_plan(sim, NEAR_EDGE, samples=48, seed=7, fixed=True, workers=on_cpu(16))
+        theirs = evaluate_plan(sim, NEAR_EDGE, samples=48, seed=7, fixed=True)
         assert (ours.unknown, theirs.unknown) == (0, 0)
         assert 5 < theirs.succeeded < 43
         where = "the processor" if DEVICE == "cpu" else warp.get_device(DEVICE).name
@@ -250,9 +250,9 @@ class TestOutcomes:
 
 class TestSamples:
     def test_a_seed_determines_the_verdict_whatever_the_size_of_the_batch(self, sim: Simulation) -> None:
-        first = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=1, width=None, workers=on_cpu(12))
-        again = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=1, width=None, workers=on_cpu(5))
-        other = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=2, width=None, workers=on_cpu(12))
+        first = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=1, fixed=True, workers=on_cpu(12))
+        again = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=1, fixed=True, workers=on_cpu(5))
+        other = evaluate_plan(sim, NEAR_EDGE, samples=12, seed=2, fixed=True, workers=on_cpu(12))
         assert [each.outcome for each in again.results] == [each.outcome for each in first.results]
         assert other.to_json() != first.to_json()
         if DEVICE == "cpu":  # on a GPU, the last digits differ from run to run

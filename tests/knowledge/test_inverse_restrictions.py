@@ -34,11 +34,15 @@ LIDS = f"""
 """
 
 
-def knowledge_of_lids(tmp_path: Path) -> KnowledgeBase:
+def lids_ontology(tmp_path: Path) -> Path:
     path = tmp_path / "lids.ttl"
     path.write_text(LIDS, encoding="utf-8")
+    return path
+
+
+def knowledge_of_lids(tmp_path: Path) -> KnowledgeBase:
     kb = KnowledgeBase(bundled_ontology=False)
-    kb.load(path)
+    kb.load(lids_ontology(tmp_path))
     return kb
 
 

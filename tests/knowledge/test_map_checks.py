@@ -108,6 +108,12 @@ def test_a_class_that_no_ontology_has_is_reported_with_near_ones(findings_of: Fi
     assert finding.problem.startswith(f"no loaded ontology has the class {name!r}; near: {near}")
 
 
+def test_a_class_of_the_same_name_in_another_namespace_is_named_in_full(findings_of: FindingsOf) -> None:
+    door = msgspec.structs.replace(body("door", (0.0, 0.0, 1.0), (0.1, 0.5, 0.8)), cls=knowrob_iri("CupboardDoor"))
+    (finding,) = findings_of(CASE, door)
+    assert "the class 'CupboardDoor'; near: http://mindstage.org/ontology#CupboardDoor" in finding.problem
+
+
 def test_known_classes_are_not_reported(findings_of: FindingsOf) -> None:
     cup = msgspec.structs.replace(body("cup", (0.0, 0.0, 1.05), (0.1, 0.1, 0.1)), cls=knowrob_iri("Cup"))
     assert findings_of(CASE, cup) == []

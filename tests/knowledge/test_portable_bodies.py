@@ -6,14 +6,16 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+import rdflib
 
 from mindstage.api import load_knowledge
 from mindstage.cli.options import MapReading
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import UnitConventions, UnstatedMobility
-from mindstage.maps.io.write import write_map
+from mindstage.maps.io.write import MapDialect, save_map, write_map
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Mobility, Pose, Vector, World, diff
+from mindstage.scene.edits import SetPhysics
 from mindstage.simulation import Simulation
 from tests.kitchenette import KNOWROB, MAP
 
@@ -74,8 +76,43 @@ def test_what_people_carry_is_loose_if_it_stands_on_something(tmp_path: Path) ->
     assert "4 bodies near, sunk, inside, stacked" in assumption.evidence
 
 
+def test_what_is_in_a_cupboard_is_loose_at_any_height_and_in_a_drawer_on_its_bottom_board(tmp_path: Path) -> None:
+    knowledge = read(
+        tmp_path,
+        body("cupboard", "Cupboard", (0.0, 0.0, 1.0), (0.6, 0.5, 2.0)),
+        body("drawer", "Drawer", (2.0, 0.0, 0.5), (0.5, 0.5, 0.15)),
+        body("block", "Wall", (4.0, 0.0, 1.0), (0.6, 0.5, 2.0)),
+        cup("shelved", 0.0, 1.2),
+        cup("half", 0.3, 1.2),
+        cup("in_drawer", 2.0, 0.425 + 0.03),
+        cup("walled", 4.0, 1.2),
+    )
+    found = mobilities(knowledge)
+    assert {id for id, each in found.items() if each is Mobility.DYNAMIC} == {"shelved", "in_drawer"}
+    reported = {each.individual for each in knowledge.findings() if "nothing is within 20 mm below it" in each.problem}
+    assert reported == {MAP + id for id in ("half", "walled")}
+
+
 def test_an_attached_cup_stays_with_its_parent(tmp_path: Path) -> None:
     assert mobilities(read(tmp_path, TABLE, cup("cup", 0.0, 0.7), attached="cup"))["cup"] is None
+
+
+def test_a_mobility_that_is_assumed_is_marked_and_not_written_as_stated(tmp_path: Path) -> None:
+    knowledge = read(tmp_path, TABLE, cup("cup", 0.0, 0.7), cup("stated", 0.3, 0.7, mobility=Mobility.DYNAMIC))
+    world = knowledge.world()
+    assert [world.body(id).physics.assumed for id in ("table", "cup", "stated")] == [(), ("mobility",), ()]
+    for dialect in ("semlog", "soma"):
+        path = tmp_path / f"{dialect}.owl"
+        save_map(world, path, dialect=MapDialect(dialect))
+        graph = rdflib.Graph().parse(path, format="xml")
+        stated = {str(subject) for subject, _ in graph.subject_objects(rdflib.URIRef(KNOWROB + "mobility"))}
+        assert stated == {MAP + "stated"}
+        assert diff(world, load_knowledge([path]).world()).identical(0.0)
+    (row,) = answers = knowledge.ask("what_is", individual="cup")
+    assert (row.mobility, row.assumed) == ("dynamic", ("mobility",))
+    assert "no map states the mobility of cup: it is assumed" in list(knowledge.explain(answers.question, row))
+    changed = SetPhysics(BodyId("cup"), BodyPhysics(mobility=Mobility.DYNAMIC)).changed(world.body("cup"))
+    assert changed.physics.stated_mobility is Mobility.DYNAMIC
 
 
 @pytest.mark.parametrize("option", [None, "static", "by-class"])

@@ -6,11 +6,14 @@ from itertools import permutations
 from pathlib import Path
 
 import pytest
+import rdflib
 
 from mindstage.maps import MapFormat
-from mindstage.scene import World
+from mindstage.maps.io.write import MapDialect, save_map
+from mindstage.scene import World, diff
 from mindstage.scene.joint_kinematics import axis_ranges, is_moving_part_class, moving_body
 from tests.cases import each_case
+from tests.kitchenette import KNOWROB
 from tests.maps.dialect_maps import finding_texts, joint_range, knowrob1_map, matrix_turtle, soma_map
 from tests.maps.small_maps import ReadMap, body_turtle, knowledge_base_from, room_map, slide_joint
 from tests.maps.test_ameva import CLASSES, placed_body
@@ -230,6 +233,24 @@ def test_a_slide_of_a_handle_moves_the_drawer_that_carries_it(
     assert any(text in each for each in reported)
     (own,) = world.joints
     assert max(each.limit + abs(each.middle) for each in axis_ranges(own)) == pytest.approx(0.4)
+    assert ("parent" in own.assumed) is (joint[1] == "drawer")
+
+
+@each_case("dialect", [*MapDialect])
+def test_what_is_assumed_to_hold_a_drawer_is_not_written_as_stated(dialect: MapDialect, tmp_path: Path) -> None:
+    path, copy = tmp_path / "map.ttl", tmp_path / "copy.owl"
+    path.write_text(soma_map(DRAWER, GRIP, soma_thing("stove", "Stove", -0.6, LARGE)), encoding="utf-8")
+    before = knowledge_base_from(path)
+    save_map(before.world(), copy, dialect=dialect)
+    after = knowledge_base_from(copy)
+    assert diff(before.world(), after.world()).identical(1e-12)
+    assert [joint.assumed for joint in before.world().joints] == [joint.assumed for joint in after.world().joints]
+    owners = [{(row.individual, row.handle) for row in each.ask("handle_of")} for each in (before, after)]
+    assert owners[0] == owners[1]
+    graph = rdflib.Graph().parse(copy, format="xml")
+    joints = set(graph.subjects(rdflib.RDF.type, rdflib.URIRef(KNOWROB + "Constraint")))
+    assert joints
+    assert not [parent for joint in joints for parent in graph.objects(joint, rdflib.URIRef(KNOWROB + "parent"))]
 
 
 # -- AMEVA and SemLog --------------------------------------------------------------------------------------------------

@@ -159,6 +159,46 @@ def test_a_tie_keeps_the_numbers_and_is_reported(read: Read) -> None:
     assert finding.problem.startswith("back and front of its box fit equally well as the origin of its mesh")
 
 
+# -- faces in common planes -----------------------------------------------------------------------------------------
+
+
+def boarded_things(heights: tuple[float, ...], feet: int) -> list[LoggedBody]:
+    """Cupboards, and things of different heights on a board in one of them; the first ones have their origin below."""
+    things = [
+        LoggedBody(
+            f"thing{n}",
+            f"Thing{n}",
+            (0.07, 0.08, h),
+            (-2.99, 1.78 + 0.09 * n, 1.0 + h / 2),
+            pivot=(0, 0, -h / 2 * (n < feet)),
+        )
+        for n, h in enumerate(heights)
+    ]
+    standing = [
+        LoggedBody(f"box{n}", f"Box{n}", (0.2, 0.21, h), (n - 3.0, 0.0, h / 2), pivot=(0.0, 0.0, -h / 2))
+        for n, h in enumerate((0.31, 0.23, 0.42, 0.19, 0.27))
+    ]
+    return [SLAB_AT_0, SHELL, *TALL, *things, *standing]
+
+
+SLAB_AT_0 = LoggedBody("slab", "LabFloor", (13.5, 12.2, 0.2), (0.0, 0.0, -0.1))
+
+
+def test_things_on_a_board_that_the_map_lacks_have_their_lower_sides_in_one_plane(read: Read) -> None:
+    world = read(logged_map(boarded_things((0.11, 0.16, 0.205, 0.147), 2), in_body_frame=True)).world()
+    assert [z_range(world, f"thing{n}")[0] for n in range(4)] == pytest.approx([1.0] * 4, abs=1e-6)
+
+
+def test_one_thing_on_a_board_that_the_map_lacks_is_reported(read: Read) -> None:
+    knowledge = read(logged_map(boarded_things((0.11,), 1), in_body_frame=True))
+    assert z_range(knowledge.world(), "thing0") == pytest.approx((0.945, 1.055), abs=1e-6)
+    (finding,) = [each for each in knowledge.findings() if each.individual.endswith("Thing0")]
+    assert "bottom" in finding.problem
+    assert "center" in finding.problem
+    assert "may be the origin of its mesh" in finding.problem
+    assert finding.action.startswith("center of the box counts, for ")
+
+
 # -- turned sizes ------------------------------------------------------------------------------------------------------
 
 

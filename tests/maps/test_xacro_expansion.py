@@ -108,6 +108,16 @@ def expand(elements: str, **files: str | bytes) -> str:
     return Files({"/robot.xacro": text, **others}).expand("/robot.xacro")
 
 
+@pytest.mark.parametrize(
+    "use", ["<xacro:arg name='n' default='0'/>", "<a b='$(arg n)'/>", "<a b='$(eval n + 1)'/>", "${xacro.arg('n')}"]
+)
+def test_an_argument_is_one_that_a_description_declares_or_uses(use: str) -> None:
+    files = Files({"/robot.xacro": f"<robot xmlns:xacro='http://ros.org/wiki/xacro'>{use}</robot>"})
+    assert files.expand("/robot.xacro", n="1")
+    with pytest.raises(SourceParseError, match=r"it has no argument 'other'; there is .*n"):
+        files.expand("/robot.xacro", n="1", other="2")
+
+
 def refused(elements: str, **files: str | bytes) -> str:
     with pytest.raises(SourceParseError) as caught:
         expand(elements, **files)

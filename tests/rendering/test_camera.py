@@ -166,6 +166,20 @@ def test_a_static_world_is_shown_completely() -> None:
     assert np.ptp(seen[:, 0]) > 1.5
 
 
+def test_a_small_room_is_shown_completely() -> None:
+    """Most bodies are parts of one cupboard; the table is static."""
+    parts = [
+        body(f"part{at}", "Door", (-1.2 + 0.1 * at, 0.0, 0.5), (0.1, 0.5, 0.8), Mobility.DYNAMIC) for at in range(3)
+    ]
+    cup = body("Cup", "Cup", (0.8, 0.9, 0.77), (0.1, 0.1, 0.1), Mobility.DYNAMIC)
+    table = body("Table", "Table", (0.8, 0.9, 0.36), (0.8, 1.2, 0.72))
+    floor = body("Floor", "Floor", (0.0, 0.0, -0.05), (3.0, 4.0, 0.1))
+    world = World(iri=Iri("http://x.org#m"), bodies=(*parts, cup, table, floor))
+    shown = (*parts, cup, table)
+    points = corners(pose_array(each.pose for each in shown), np.array([each.size for each in shown]))
+    assert np.abs(in_picture(view_of(world), points, 1.2)).max() < 0.95
+
+
 def test_the_camera_keeps_a_minimum_distance() -> None:
     tiny = World(iri=Iri("http://x.org#m"), bodies=(body("a", "Mug", (0.0, 0.0, 0.0), (0.01, 0.01, 0.01)),))
     view = view_of(tiny)

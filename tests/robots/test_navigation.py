@@ -13,6 +13,7 @@ from mindstage.robots.models.reading import load_model
 from mindstage.robots.models.robot_model import BaseType, RobotModel
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.robot import Robot
+from mindstage.robots.standing import add_standing_robot
 from mindstage.scene import Body, BodyId, Mobility
 from tests.robots.rooms import box, contacts_with, reaching, robot_in
 
@@ -54,6 +55,16 @@ def test_the_base_drives_through_a_gap_without_a_contact(type: BaseType) -> None
 def test_a_free_way_is_straight() -> None:
     with robot_in(box("block", (0.0, 2.0, 0.5), (0.5, 0.5, 1.0))) as robot:
         assert plan_base(robot, (2.0, 0.5, 1.0)) == ((2.0, 0.5, 1.0),)
+        assert plan_base(robot, (2.0, 0.5, 1.0), max_tests=0) == ((2.0, 0.5, 1.0),)  # nothing has to be searched
+
+
+def test_a_robot_is_added_where_its_whole_body_has_room_not_only_its_base() -> None:
+    corridor = (box("left", (0.0, 0.75, 1.0), (3.0, 0.7, 2.0)), box("right", (0.0, -0.75, 1.0), (3.0, 0.7, 2.0)))
+    with robot_in(*corridor, floor=(8.0, 2.2), at=(-3.5, 0.0, 0.0)) as first:  # the corridor is 0.8 m wide
+        robot = add_standing_robot(first.session, "mobile_manipulator", near=(0.0, 0.0))
+        robot.session.step(0.1)
+        assert abs(robot.base_pose()[0]) > 1.5  # its base, with a radius of 0.28 m, would fit between the blocks
+        assert contacts_with(robot, {"left", "right"}) == []
 
 
 def test_a_robot_turns_by_less_than_half_a_turn() -> None:

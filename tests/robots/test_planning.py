@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from math import cos, pi, sin
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mindstage.engines import NullEngine
 from mindstage.errors import InvalidArgumentError, UnreachableError
+from mindstage.robots import add_robot
 from mindstage.robots.arm_paths import interpolated_poses
 from mindstage.robots.planning import find_arm, plan_arm, plan_path
 from mindstage.robots.robot import Robot
@@ -96,6 +98,25 @@ def test_joints_that_are_left_out_stay() -> None:
 def test_a_position_beyond_a_limit_is_refused_with_the_limit() -> None:
     with robot_in() as robot, pytest.raises(UnreachableError, match=r"upper limit of lift_joint is 1 m"):
         plan_arm(robot, "", {"lift_joint": 1.4})
+
+
+def test_a_joint_without_limits_is_not_planned_beyond_one_turn(tmp_path: Path) -> None:
+    shape = '<collision><origin xyz="0.1 0 0"/><geometry><sphere radius="0.02"/></geometry></collision>'
+    chain = "".join(
+        f'<link name="l{n + 1}">{shape}</link>'
+        f'<joint name="j{n}" type="continuous"><parent link="l{n}"/><child link="l{n + 1}"/>'
+        f'<origin xyz="0.2 0 {0.3 if n == 0 else 0.0}"/><axis xyz="0 {n % 2} {1 - n % 2}"/></joint>'
+        for n in range(5)
+    )
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm"><link name="l0"/>{chain}</robot>', encoding="utf-8")
+    with robot_in() as other:
+        robot = add_robot(other.session, path, (2.0, 0.0, 0.0))
+        assert plan_arm(robot, "", {"j4": 1.0}).points[-1].positions[4] == pytest.approx(1.0)
+        with pytest.raises(
+            UnreachableError, match="j4 turns without limits, and a plan turns it by at most half a turn"
+        ):
+            plan_arm(robot, "", {"j4": 10.0})
 
 
 def test_a_pose_beyond_reach_is_refused_with_the_distance() -> None:

@@ -99,6 +99,24 @@ def test_a_continuous_joint_takes_the_nearest_turn() -> None:
     assert found.end[0] == pytest.approx(4 * math.pi + 0.5)
 
 
+def test_a_continuous_joint_makes_the_turns_that_are_asked_for() -> None:
+    found = spline(JointTrajectory(("wheel",), (point(4.0, 10.0),)))
+    assert found.end[0] == pytest.approx(10.0)
+    back = spline(JointTrajectory(("wheel",), (point(9.0, -7.0),)), {"wheel": 10.0})
+    assert back.end[0] == pytest.approx(-7.0)
+    message = refusal(JointTrajectory(("wheel",), (point(1.0, 54.0),)))
+    assert "wheel with 54 rad/s" in message
+    assert "its velocity limit is 3 rad/s" in message
+
+
+def test_a_trajectory_that_begins_at_time_0_begins_at_the_turn_of_the_state() -> None:
+    points = (point(0.0, 0.0), point(4.0, 10.0), point(9.0, 0.0))
+    found = spline(JointTrajectory(("wheel",), points), {"wheel": 4 * math.pi})
+    assert found.sample(0.0)[0][0] == pytest.approx(4 * math.pi)
+    assert found.sample(4.0)[0][0] == pytest.approx(4 * math.pi + 10.0)
+    assert found.end[0] == pytest.approx(4 * math.pi)
+
+
 @each_case(
     ("trajectory", "words"),
     [

@@ -19,6 +19,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.edits import SetLabel
 from mindstage.simulation import Simulation
 from tests.kitchenette import MAP
+from tests.knowledge.test_inverse_restrictions import lids_ontology
 from tests.ros.ros_messages import Ask, Call, pose_message
 
 
@@ -43,6 +44,16 @@ def test_arguments_are_given_by_name(call: Call, ask: Ask, knowledge: KnowledgeB
     assert answers["answers"][0]["id"] == "Refrigerator"
     reply = call("/mindstage/ask", question="storage-place", args='{"item": "CowsMilk"}')
     assert json.loads(reply["answers"]) == answers
+
+
+def test_a_restriction_on_an_inverse_is_marked_and_asked_for(
+    ask: Ask, knowledge: KnowledgeBase, tmp_path: Path
+) -> None:
+    knowledge.load(lids_ontology(tmp_path))
+    for given, expected in (({}, {"Crate", "Screw"}), ({"inverse": True}, {"Crate"}), ({"inverse": False}, {"Screw"})):
+        rows = ask("class_properties", cls="http://example.org/o#Lid", **given)["answers"]
+        assert {row["value"].rpartition("#")[2] for row in rows} == expected
+        assert all(row["inverse"] is row["value"].endswith("Crate") for row in rows)
 
 
 def test_a_question_without_an_answer_returns_what_is_missing(ask: Ask) -> None:

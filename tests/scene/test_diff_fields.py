@@ -97,6 +97,7 @@ OPTIONAL = {
     *("physics.mobility", "physics.gravity", "physics.overlap_events", "physics.mass_kg"),
 }
 NOT_IN_A_COLUMN = {"id", "tags", "facts", "materials", "bodies", "joints", "attachments", "lights", "resources"}
+NOT_IN_A_COLUMN |= {"assumed", "physics.assumed"}
 
 
 def leaves(value: msgspec.Struct, prefix: str = "") -> Iterator[str]:

@@ -89,11 +89,30 @@ def test_doors_and_drawers_with_handles_open_outwards_only(side: int, yaw: float
 
 
 @pytest.mark.parametrize("yaw", YAWS)
-def test_a_door_in_front_of_its_casing_needs_no_handle_and_a_drawer_does(yaw: float) -> None:
+def test_what_is_in_the_front_of_its_casing_needs_no_handle(yaw: float) -> None:
+    """There is room behind a drawer whose one end is in the front; one in the middle of its case shows no front."""
     found = limited(turned(cupboard(handles=False), yaw))
     assert interval(found[BodyId("hinge")].joint) == pytest.approx((0.0, pi / 4))
     assert "on that side of its casing" in found[BodyId("hinge")].text
-    assert BodyId("slide") not in found
+    assert interval(found[BodyId("slide")].joint) == pytest.approx((0.0, 0.45))
+    assert "its other end is 6 cm from the back" in found[BodyId("slide")].text
+    middle = [replace(each, pose=Pose((0.0, 0, 0.4), each.pose.quaternion)) for each in cupboard().bodies[1:2]]
+    old = cupboard(handles=False)
+    inside = replace(old, bodies=(old.bodies[0], *middle, *old.bodies[2:]))
+    assert BodyId("slide") not in limited(turned(inside, yaw))
+
+
+@pytest.mark.parametrize("yaw", YAWS)
+@pytest.mark.parametrize("side", [1, -1])
+def test_sliding_doors_stay_before_their_casing(yaw: float, side: int) -> None:
+    old = cupboard(handles=False)
+    leaf = body("door", (0.33, side * 0.2, 1.0), (0.02, 0.42, 1.5), "dynamic", 4.0)
+    slide = replace(
+        prismatic_joint("slide", "case", "door", (0.33, side * 0.2, 1.0)),
+        linear=LinearLimits(y=AxisMotion.LIMITED, limit=0.38),
+    )
+    found = limited(turned(replace(old, bodies=(old.bodies[0], leaf), joints=(slide,)), yaw))
+    assert interval(found[BodyId("slide")].joint) == pytest.approx((-0.38, 0.0) if side == 1 else (0.0, 0.38))
 
 
 def test_swapping_parent_and_child_reverses_the_range() -> None:
@@ -149,6 +168,7 @@ def test_a_handle_on_the_inside_of_a_door_does_not_turn_it_round() -> None:
 
 def test_without_evidence_there_is_no_front() -> None:
     case, drawer = cupboard().bodies[:2]
+    drawer = replace(drawer, pose=Pose((0.0, 0, 0.4), drawer.pose.quaternion))
     assert front_side(ObservedBox.of(drawer), ObservedBox.of(case), None, np.array([1.0, 0, 0])) is None
     assert case.physics.mobility is Mobility.STATIC
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from tests.cases import each_case
 from tests.engines.scenes import attachment, body, prismatic_joint, revolute_joint, world
 
-from mindstage.scene import Body, Pose, Quaternion, Vector, World
+from mindstage.scene import AngularLimits, AxisMotion, Body, LinearLimits, Pose, Quaternion, Vector, World
 from mindstage.scene.spatial import SpatialRelation, SpatialRelations
 from mindstage.scene.transforms import normalized_pose_array, pose_from_array, pose_multiply, quat_multiply
 
@@ -136,6 +136,17 @@ def test_jointed_bodies_are_on_nothing_and_support_only_dynamic_ones() -> None:
     lower = replace(without.body("cup"), pose=Pose((0.32, 0.0, 2.05)))
     on_door = replace(without, bodies=(*(each for each in without.bodies if each.id != "cup"), lower))
     assert ("cup", ON, "door") in relation_keys(on_door)
+
+
+def test_a_thing_on_a_floating_joint_is_on_what_is_below_it() -> None:
+    free = AxisMotion.FREE
+    floating = replace(
+        prismatic_joint("of_cup", "table", "cup", (0, 0, 0)),
+        linear=LinearLimits(x=free, y=free, z=free),
+        angular=AngularLimits(twist=free, swing1=free, swing2=free),
+    )
+    table, cup = body("table", (0, 0, 0.4), (1, 1, 0.8)), body("cup", (0, 0, 0.85), (0.1, 0.1, 0.1), "dynamic")
+    assert relation_keys(world(table, cup, floating), relations=[ON]) == {("cup", ON, "table")}
 
 
 def test_parent_and_child_of_a_joint_may_be_swapped() -> None:

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 import mindstage as ms
 from mindstage.engines import Capability, Engine, NullEngine
-from mindstage.engines.base import Applied
+from mindstage.engines.base import Applied, DynamicsScale
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.remote.godot import GodotEngine
 from mindstage.errors import BodyNotFoundError, CommitError, ImaginationError, SimulationError
@@ -190,19 +190,53 @@ class TestCommit:
                     copy_of_copy.commit()
             assert len(copy.commit()) == 1
 
-    def test_an_impossible_edit_names_what_was_done_before(self, sim: Simulation) -> None:
+    def test_an_impossible_edit_is_refused_with_all_others(self, sim: Simulation) -> None:
+        bits, before = state_bits(sim), sim.snapshot()
         apply = sim.engine.run(lambda engine: engine.apply)
 
         def refuse(edit: Edit) -> Applied:
-            if isinstance(edit, SetPoses):
-                raise BodyNotFoundError("Mug", known=[])
+            if isinstance(edit, SetPoses) and FRIDGE in edit.ids:
+                raise BodyNotFoundError("Fridge", known=[])
             return apply(edit)
 
         with sim.fork() as copy:
             copy.edits.set_physics(MUG, BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=7.0), label="mass")
             copy.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
+            put = copy.place("CoffeeMaker", on="Fridge")
+            copy.joint(DOOR).open(0.3)
+            copy.edits.move(FRIDGE, Pose((4.0, 4.0, 1.0)))
             sim.engine.run(lambda engine: setattr(engine, "apply", refuse))
-            with pytest.raises(CommitError, match=r"pose of Mug: no body .* \(mass of Mug was done\)"):
+            with pytest.raises(CommitError, match=r"pose of Fridge: no body .* \(nothing was done\)"):
+                copy.commit()
+        assert put.id not in sim.state.ids
+        assert diff(before, sim.snapshot()).identical(0.0)
+        assert state_bits(sim) == bits
+
+    def test_what_time_has_moved_in_the_copy_is_not_attached_elsewhere(self, sim: Simulation) -> None:
+        before = sim.snapshot()
+        with sim.fork() as copy:
+            copy.edits.move(MUG, Pose((0.5, -2.0, 1.0)))
+            copy.step(1.0)
+            copy.edits.attach("Fridge", "Mug")
+            with pytest.raises(CommitError, match="Mug attached to Fridge: 'Mug' is not where it was in the copy"):
+                copy.commit()
+        assert diff(before, sim.snapshot()).identical(0.0)
+
+    def test_a_joint_that_does_not_get_there_again_is_refused(self, sim: Simulation) -> None:
+        """In the copy, what is in the way has been pushed aside by time and forces, which are not repeated."""
+        sim.joint(DOOR).open(0.6)
+        with sim.fork() as copy:
+            stopped = copy.joint(DOOR).move_to(0.0, timeout_s=0.3)
+            assert not stopped.arrived
+            with pytest.raises(CommitError, match="it comes to another position than in the copy"):
+                copy.commit()
+        assert sim.joint(DOOR).openness == pytest.approx(0.6, abs=0.02)
+
+    def test_scaled_masses_are_refused(self, sim: Simulation) -> None:
+        with sim.fork() as copy:
+            copy.engine.run(lambda engine: engine.scale_dynamics({MUG: DynamicsScale(mass=2.0)}), edits=True)
+            copy.edits.move(MUG, Pose((0.5, -2.0, 0.05)))
+            with pytest.raises(CommitError, match="masses or frictions were scaled"):
                 copy.commit()
 
 

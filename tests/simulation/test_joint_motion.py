@@ -80,6 +80,19 @@ def test_a_joint_with_parent_and_child_swapped_opens_too(sim: Simulation) -> Non
     assert abs(joint.position) == pytest.approx(0.45, abs=0.01)
 
 
+def test_of_two_dynamic_ends_the_drawer_is_moved_whichever_is_the_parent() -> None:
+    world = kitchenette()
+    bodies = tuple(
+        replace(each, physics=replace(each.physics, mobility=Mobility.DYNAMIC)) if each.id == "Cupboard" else each
+        for each in world.bodies
+    )
+    slide = replace(world.joints[0], parent=BodyId("Drawer"), child=BodyId("Cupboard"))
+    with Simulation(KnowledgeBase(), NullEngine()) as sim:
+        sim.spawn(replace(world, bodies=bodies, joints=(slide, world.joints[1])))
+        assert sim.joint("Drawer").id == "DrawerSlide"
+        assert sim.joint("DrawerSlide").body == "Drawer"
+
+
 def test_a_door_whose_handle_was_deleted_opens_the_same_way() -> None:
     found = []
     for deleted in ([], [BodyId("FridgeHandle")]):

@@ -10,14 +10,19 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from mindstage.api import load_knowledge
 from mindstage.engines import SpawnNoteKind, SpawnReport
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
-from mindstage.maps import bundled_kitchen
-from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World, diff
+from mindstage.maps import UnitConventions, bundled_kitchen
+from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Joint, Mobility, Pose, World, diff
 from mindstage.simulation import Simulation
+from tests.engines.scenes import body, revolute_joint, world
+from tests.geometry import fit_scenes
+from tests.geometry.fit_scenes import make_body, slide_joint
+from tests.maps.logged_maps import LoggedBody, logged_map
 from tests.semlog_maps import Actor, semlog_map
 
 MAPS = ("ameva-task-two", "iai-kitchen-original", "iai-kitchen-spawned", "knowrob1-ccrl", "soma-iai-room")
@@ -262,6 +267,116 @@ CAUSES_OF_MOTION = {
 }
 
 
+# -- what furniture holds and contains
+
+
+@pytest.fixture
+def run_world() -> Iterator[Callable[..., tuple[Simulation, SpawnReport, dict[str, float]]]]:
+    """Spawns a world of bundled classes, and simulates three seconds; returns how far each body moved [m]."""
+    simulations: list[Simulation] = []
+
+    def run(world: World) -> tuple[Simulation, SpawnReport, dict[str, float]]:
+        simulation = Simulation(KnowledgeBase(), MujocoEngine(), threaded=False)
+        simulations.append(simulation)
+        report = simulation.spawn(world)
+        return simulation, report, drift(simulation, 3.0)
+
+    yield run
+    for simulation in simulations:
+        simulation.close()
+
+
+RunWorld = Callable[..., tuple[Simulation, SpawnReport, dict[str, float]]]
+
+
+def door_joint(parent: str, child: str, at: tuple[float, float, float]) -> Joint:
+    """Opens outwards, which is +x, by at most a right angle."""
+    joint = revolute_joint(f"{child}_hinge", parent, child, at)
+    return replace(joint, angular=replace(joint.angular, swing1_middle=-joint.angular.swing1_limit))
+
+
+def fridge(*contents: Body, joints: bool = True) -> World:
+    """A fridge with a thick door, in which there is a shelf, as in maps of game engines: their boxes overlap."""
+    bodies = (
+        make_body("floor", "Floor", (0, 0, -0.05), (4, 4, 0.1)),
+        make_body("case", "Refrigerator", (0, 0, 0.75), (0.6, 0.6, 1.5)),
+        make_body("door", "Door", (0.27, 0, 0.75), (0.06, 0.58, 1.4), is_free=True),
+        make_body("shelf", "Tray", (0.25, 0, 1.0), (0.12, 0.46, 0.08), is_free=True),
+        *contents,
+    )
+    return fit_scenes.world(
+        bodies, [door_joint("case", "door", (0.3, -0.3, 0.75))] if joints else [], [("door", "shelf")]
+    )
+
+
+def test_what_stands_in_the_shelf_of_a_door_stays_there_and_moves_with_it(run_world: RunWorld) -> None:
+    bottle = make_body("bottle", "Bottle", (0.25, 0, 1.11), (0.07, 0.07, 0.28), is_free=True)
+    simulation, report, moved = run_world(fridge(bottle))
+    assert not report.ids_with_note(SpawnNoteKind.SETTLED)
+    assert max(moved.values()) < 0.01
+    simulation.joint("door").open()
+    simulation.step(2.0)
+    x, _, z = simulation.state.poses[simulation.state.ids.index(BodyId("bottle")), :3]
+    assert (x > 0.4, z) == (True, pytest.approx(1.11, abs=0.02))
+
+
+def test_what_is_stuck_in_a_closed_door_does_not_push_it_open(run_world: RunWorld) -> None:
+    """A carton that is too high above the shelf to stand in it, and in the door."""
+    bodies = (
+        make_body("block", "IAIFridgeArea", (-0.692, -0.714, 0.7545), (0.58, 0.6, 1.499)),
+        make_body("case", "Refrigerator", (-0.7075, -0.7205, 0.963), (0.493, 0.551, 0.886)),
+        make_body("door", "Door", (-0.4557, -0.7177, 0.9619), (0.0614, 0.5757, 0.8634), is_free=True),
+        make_body("shelf", "IAIFridgeDoorShelfBig", (-0.4816, -0.7173, 0.6024), (0.1194, 0.4754, 0.1101), is_free=True),
+        make_body("carton", "CardboardBox", (-0.4696, -0.6189, 0.7181), (0.0762, 0.0777, 0.2296), is_free=True),
+    )
+    hinge = revolute_joint("door_hinge", "block", "door", (-0.4375, -0.4494, 0.9765))
+    hinge = replace(hinge, angular=replace(hinge.angular, swing1_middle=hinge.angular.swing1_limit))
+    _, report, moved = run_world(fit_scenes.world(bodies, [hinge], [("door", "shelf")]))
+    assert "carton" in report.ids_with_note(SpawnNoteKind.SETTLED)
+    assert max(moved.values()) < 0.01
+
+
+@pytest.mark.parametrize(("part", "is_held"), [("Drawer", True), ("DiningChair", False)])
+def test_a_part_without_a_joint_is_held_by_the_furniture_that_it_meets(
+    run_world: RunWorld, part: str, is_held: bool
+) -> None:
+    bodies = (
+        make_body("floor", "Floor", (0, 0, -0.05), (4, 4, 0.1)),
+        make_body("cupboard", "Cupboard", (0, 0, 1.0), (0.6, 0.6, 0.4)),
+        make_body("part", part, (0.305, 0, 1.0), (0.02, 0.4, 0.3), is_free=True),
+        make_body("far", part, (1.5, 0, 1.0), (0.5, 0.4, 0.2), is_free=True),
+    )
+    _, report, moved = run_world(fit_scenes.world(bodies))
+    assert ("part" in report.ids_with_note(SpawnNoteKind.IMMOVABLE)) is is_held
+    assert (moved["part"] < 1e-3) is is_held
+    assert moved["far"] > 0.5
+
+
+def test_utensils_stand_in_their_holder(run_world: RunWorld) -> None:
+    bodies = (
+        make_body("floor", "Floor", (0, 0, -0.05), (4, 4, 0.1)),
+        make_body("holder", "CookingUtensilsHolder", (0, 0, 0.08), (0.12, 0.12, 0.16), is_free=True),
+        make_body("spoon", "WoodenSpoon", (0, 0, 0.17), (0.02, 0.04, 0.3), is_free=True),
+    )
+    _, report, moved = run_world(fit_scenes.world(bodies))
+    assert not report.ids_with_note(SpawnNoteKind.SETTLED)
+    assert max(moved.values()) < 0.05
+
+
+def test_a_drawer_has_trays_under_contents_that_stand_high_in_it(run_world: RunWorld) -> None:
+    bodies = (
+        make_body("case", "Cupboard", (0, 0, 0.8), (0.6, 0.4, 1.6)),
+        make_body("drawer", "Drawer", (0.02, 0, 0.8), (0.52, 0.3, 1.32), is_free=True),
+        make_body("low", "CardboardBox", (0, 0, 0.24), (0.1, 0.1, 0.16), is_free=True),
+        make_body("middle", "CardboardBox", (0.1, 0, 0.58), (0.1, 0.1, 0.2), is_free=True),
+        make_body("on_it", "CardboardBox", (0.1, 0, 0.74), (0.1, 0.1, 0.1), is_free=True),
+    )
+    simulation, _, moved = run_world(fit_scenes.world(bodies, [slide_joint("case", "drawer", middle=0.2)]))
+    assert max(moved.values()) < 0.015
+    surfaces = simulation.geometry[BodyId("drawer")].support_surfaces
+    assert len(surfaces) == 2
+
+
 def moved_by_m(before: Pose, after: Pose) -> float:
     """The distance between two positions, computed here and not by what is tested [m]."""
     return dist(before.position, after.position)
@@ -298,3 +413,22 @@ def test_nothing_moves_in_the_sample_maps_for_ten_seconds(name: str, shared_data
         assert diff(knowledge.world(), simulation.snapshot()).identical(0.0)
         assert not report.ids_with_note(SpawnNoteKind.SETTLED)
         assert max(drift(simulation, 10.0).values()) < 1e-3
+
+
+def test_the_ground_is_not_below_bodies_whose_mesh_may_have_its_origin_elsewhere(tmp_path: Path) -> None:
+    """Both sides of the wide handles fit equally well, which is a finding; else the ground would be below them."""
+    rows = [(f"door{n}", f"handle{n}", n - 1.5) for n in range(4)]
+    doors = [LoggedBody(door, "Door", (0.004, 0.6, 0.9), (0.0, y, 1.0)) for door, _, y in rows]
+    handles = [LoggedBody(id, "Handle", (0.4, 0.2, 0.03), (0.0, y, 0.5), parent=door) for door, id, y in rows]
+    plate = LoggedBody("plate", "BasePlate", (0.3, 0.3, 0.1), (0.0, 3.0, 0.7))
+    (tmp_path / "doors.ttl").write_text(logged_map([*doors, *handles, plate]), encoding="utf-8")
+    knowledge = KnowledgeBase()
+    knowledge.load(tmp_path / "doors.ttl", conventions=UnitConventions(sizes=None))
+    crate = body("crate", (0.9, 0.0, 1.5), (0.2, 0.2, 0.2), "dynamic", 1.0)
+    with closing(Simulation(knowledge, MujocoEngine())) as simulation:
+        simulation.spawn()
+        assert any("equally well" in each.problem for each in knowledge.findings())
+        (note,) = [each for each in simulation.spawn(world(crate)).notes if each.kind is SpawnNoteKind.GROUND]
+        assert "0.650 m" in note.text
+        simulation.step(2.0)
+        assert float(simulation.state.poses[-1][2]) == pytest.approx(0.75, abs=1e-3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.maps import bundled_kitchen
 from mindstage.simulation import ConnectedClient
 from mindstage.viewer import Viewer
+from tests.knowledge.test_inverse_restrictions import lids_ontology
 from tests.viewer.fake_page import FakePage
 from tests.viewer.waiting import wait_until
 
@@ -60,6 +62,20 @@ def test_a_question_is_asked_by_keyboard_explained_and_highlighted(page: Any, si
     page.locator("#legend button").first.click()
     wait_until(lambda: not simulation.state.highlights, "nothing is highlighted")
     page.locator("#legend").wait_for(state="hidden")
+
+
+def test_a_restriction_on_an_inverse_is_shown_and_asked_for(page: Any, simulation: Simulation, tmp_path: Path) -> None:
+    simulation.knowledge.load(lids_ontology(tmp_path))
+    page.click("[data-tab=ask]")
+    page.locator("[data-role=question]").select_option("class_properties")
+    page.get_by_role("combobox", name="cls").fill("http://example.org/o#Lid")
+    for wanted, values in (("", {"Crate", "Screw"}), ("true", {"Crate"}), ("false", {"Screw"})):
+        page.get_by_label("inverse", exact=True).select_option(wanted)
+        page.locator("[data-action=ask]").click()
+        rows = page.locator("#panel-ask tbody tr")
+        wait_until(lambda: rows.count() == len(values), f"the answers are {values}")  # noqa: B023
+        shown = " ".join(rows.all_inner_texts())
+        assert {each for each in ("Crate", "Screw") if each in shown} == values
 
 
 def test_a_missing_fact_is_asserted_and_then_answers_the_question(page: Any, simulation: Simulation) -> None:

@@ -45,7 +45,7 @@ def viewer(simulation: Simulation) -> Iterator[Viewer]:
 
 @pytest.fixture(scope="module")
 def verdict(simulation: Simulation) -> Verdict:
-    return evaluate_plan(simulation, EDGE, samples=12, width=None, seed=4)
+    return evaluate_plan(simulation, EDGE, samples=12, fixed=True, seed=4)
 
 
 @pytest.fixture
@@ -93,6 +93,16 @@ def test_a_plan_is_tried_and_its_end_poses_and_failing_sample_are_shown(
     wait_until(lambda: not layers(viewer) and not result(tab), "everything is removed")
 
 
+def test_a_verdict_is_cleared_when_the_world_changes(tab: PageTab, viewer: Viewer, simulation: Simulation) -> None:
+    tab.page.locator("[data-role=plan]").fill("steps:\n  - {do: wait, duration_s: 0.1}\n")
+    tab.click_button("plan-evaluate")
+    wait_until(lambda: "1 of 1 samples succeeded" in result(tab), "the verdict is shown")
+    simulation.edits.move("Mug", Pose((0.5, -2.0, 0.05)))
+    wait_until(lambda: "The world has changed" in result(tab), "the verdict is not shown any more")
+    assert not layers(viewer)
+    simulation.edits.undo()
+
+
 def test_steps_and_uncertainty_are_added_by_form(tab: PageTab) -> None:
     tab.select_in_tree("Mug")
     tab.open_panel("plan")
@@ -118,6 +128,8 @@ def test_steps_and_uncertainty_are_added_by_form(tab: PageTab) -> None:
         ("steps:\n  - {do: fly}\n", "the plan:2: steps[0].do"),
         ("steps:\n  - {do: wait, duration_s: 1}\n  - {do: open, thing: Frdge}\n", "the plan:3: steps[1].thing"),
         ("/etc/passwd", "the plan:1"),
+        ("", "the plan:1: it is empty"),
+        ("steps: []\n", "the plan has neither steps nor a check"),
     ],
 )
 def test_an_invalid_plan_is_refused_with_its_line(tab: PageTab, text: str, message: str) -> None:
@@ -133,7 +145,7 @@ def test_a_plan_is_canceled_from_another_page(
 
     def slow(simulation: Simulation, plan: object, **options: object) -> Verdict:
         begun.set()
-        return evaluate_plan(simulation, plan, **{**options, "width": None, "samples": 100_000})  # type: ignore[arg-type]
+        return evaluate_plan(simulation, plan, **{**options, "fixed": True, "samples": 100_000})  # type: ignore[arg-type]
 
     monkeypatch.setattr(panel, "evaluate_plan", slow)
     tab.page.locator("[data-role=plan]").fill(EDGE)

@@ -291,12 +291,11 @@ func update_collision_exception(pair: Array) -> void:
 		return
 	var a: PhysicsBody3D = one.group.node as PhysicsBody3D
 	var b: PhysicsBody3D = other.group.node as PhysicsBody3D
+	a.remove_collision_exception_with(b)  # first in any case: Jolt keeps one for each time that it was added
+	b.remove_collision_exception_with(a)
 	if _is_excluded(one.group, other.group):
 		a.add_collision_exception_with(b)
 		b.add_collision_exception_with(a)
-	else:
-		a.remove_collision_exception_with(b)
-		b.remove_collision_exception_with(a)
 
 
 func _set_poses(poses: Dictionary, changed_regions: Array[AABB]) -> void:

@@ -19,6 +19,7 @@ import re
 from collections.abc import Container, Iterator, Mapping
 from itertools import count
 from pathlib import PurePosixPath
+from typing import Any
 
 from mindstage.bridge.conversions import ConversionNote, merge_notes, pose_from_message, pose_message
 from mindstage.errors import MessageValidationError
@@ -289,7 +290,8 @@ def materials_from_lists(names: tuple[str, ...], paths: tuple[str, ...]) -> tupl
 def _with_tag_fields(body: Body, tags: tuple[Tag, ...], notes: dict[str, str], path: str) -> Body:
     """Returns the body with the properties in its `Mindstage` tags."""
     missing = set(notes["Untold"].split())
-    physics = {name: None if name in missing else getattr(body.physics, name) for name in BodyPhysics.__struct_fields__}
+    fields = BodyPhysics.__struct_fields__
+    physics: dict[str, Any] = {name: None if name in missing else getattr(body.physics, name) for name in fields}
     try:
         shape = None if "shape" in missing else PrimitiveShape(type=PrimitiveType(notes["Shape"]))
         size = None if "size" in missing else _parse_size(notes["Size"])

@@ -140,7 +140,7 @@ def do(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Let a robot do something in a map; exit 0 if it succeeds, 1 if it fails or is not done, 2 if that is unknown."""
+    """Let a robot do something in a map; exit 0 if it succeeds, 1 if it fails or is not done, 3 if that is unknown."""
     allowed = {"command", "running", "deadline", "as_json"}
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
         return _do_running(target, command or "", deadline_s=deadline, as_json=as_json)
@@ -211,7 +211,7 @@ def _do_in(spawned: SpawnedMap, model: RobotModel, wanted: _Wanted, *, verbose: 
     if interrupted.is_set():
         return ExitCode.INTERRUPTED
     codes = {None: ExitCode.NEGATIVE, "succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
-    return codes.get(None if result is None else result.outcome.value, ExitCode.ERROR)
+    return codes.get(None if result is None else result.outcome.value, ExitCode.UNKNOWN)
 
 
 # -- in a running simulation -------------------------------------------------------------------------------------------
@@ -253,7 +253,7 @@ def _do_running(target: str, command: str, *, deadline_s: float, as_json: bool) 
     if interrupted.is_set():
         return ExitCode.INTERRUPTED
     codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
-    return codes.get(results[-1]["outcome"], ExitCode.ERROR)
+    return codes.get(results[-1]["outcome"], ExitCode.UNKNOWN)
 
 
 # -- what is to be done ------------------------------------------------------------------------------------------------
@@ -354,7 +354,7 @@ def _model(name: str, self_model: Path | None, *, xacro: XacroRequest) -> RobotM
     from mindstage.robots.models.reading import load_model
 
     with progress_spinner("reading the robot"):
-        model = load_model(name, xacro=xacro)
+        model = load_model(name, xacro=xacro, divide=True)
         if self_model is not None:
             from mindstage.robots.self_models import add_self_model, read_self_model
 

@@ -59,9 +59,9 @@ Budget = Annotated[
 Threshold = Annotated[
     Fraction, typer.Option("--threshold", metavar="P", help="The probability that the plan must have.")
 ]
-Width = Annotated[
-    Fraction,
-    typer.Option("--width", metavar="W", help="End when the interval is as narrow; 0 runs all samples."),
+Fixed = Annotated[
+    bool,
+    typer.Option("--fixed", help="Run exactly as many samples, with the interval of Wilson, instead of until decided."),
 ]
 Workers = Annotated[
     str,
@@ -95,7 +95,7 @@ Uncertainties = Annotated[
         "--uncertainty",
         metavar="TEXT",
         help="A body or class and standard deviations, besides the plan's: 'Milk position_m=0.01 yaw_rad=0.1 mass=0.2 "
-        "friction=0.2 joint_friction=0.2'; may be repeated.",
+        "friction=0.2 joint_friction=0.2', or guesses for masses and frictions that no map states; may be repeated.",
         show_default=False,
     ),
 ]
@@ -117,7 +117,7 @@ class PlanTrial(OptionGroup):
         Raises:
             InvalidArgumentError: an uncertainty is not valid.
         """
-        deviations = [deviations_of(text) for text in self.uncertainty or ()]
+        deviations = [text if text == "guesses" else deviations_of(text) for text in self.uncertainty or ()]
         numbers = {"samples": self.samples, "seed": self.seed, "budget_s": self.budget, "workers": self.workers}
         return {"uncertainty": deviations, **numbers}
 
@@ -147,7 +147,7 @@ def evaluate(
     *,
     trial: PlanTrial = DEFAULT_TRIAL,
     threshold: Threshold = 0.9,
-    width: Width = 0.1,
+    fixed: Fixed = False,
     check: CheckText = None,
     expect: Expected = None,
     settle: SettleTime = 0.0,
@@ -157,7 +157,7 @@ def evaluate(
     verbose: Verbose = False,
     as_json: AsJson = False,
 ) -> ExitCode:
-    """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 2 if that is unknown."""
+    """Try a plan many times in copies of a world; exit 0 if it succeeds, 1 if it fails, 3 if that is unknown."""
     from mindstage.imagination import evaluate_plan, load_plan
     from mindstage.pictures import picture_format
 
@@ -178,7 +178,7 @@ def evaluate(
         if not as_json:
             print_findings(findings, all=verbose, classes=class_lookup(knowledge))
             print_failures(report)
-        tried |= {"check": asked, "threshold": threshold, "width": width or None}
+        tried |= {"check": asked, "threshold": threshold, "fixed": fixed}
         with interruptible() as interrupted, _progress_bar(trial.samples) as progress:
             verdict = evaluate_plan(simulation, file, **tried, progress=progress, cancel=interrupted.is_set)
         if as_json:
@@ -191,7 +191,7 @@ def evaluate(
     if interrupted.is_set():
         return ExitCode.INTERRUPTED
     codes = {"succeeded": ExitCode.OK, "failed": ExitCode.NEGATIVE}
-    return codes.get(verdict.outcome.value, ExitCode.ERROR)
+    return codes.get(verdict.outcome.value, ExitCode.UNKNOWN)
 
 
 def _draw(simulation: Simulation, verdict: Verdict, path: Path, *, as_json: bool) -> None:

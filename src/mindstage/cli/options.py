@@ -134,6 +134,8 @@ class ExitCode(IntEnum):
     """The answer is no, maps differ, or something could not be spawned."""
     ERROR = 2
     """An error of a file, an engine or the command line."""
+    UNKNOWN = 3
+    """It is not known whether a plan succeeds, or has succeeded."""
     INTERRUPTED = 130
     """Ctrl-C."""
     PIPE_CLOSED = 141

@@ -240,7 +240,7 @@ def _try_plan(simulation: Simulation, plan: PlanFile) -> Verdict:
     from mindstage.imagination import evaluate_plan
 
     with progress_spinner("imagining"):
-        return evaluate_plan(simulation, plan, width=None)
+        return evaluate_plan(simulation, plan, fixed=True)
 
 
 def _print_result(summary: dict[str, object], results: Sequence[HighlightResult], *, as_json: bool) -> None:

@@ -476,6 +476,12 @@ class AssumingEngine(Protocol):
     def assumptions(self) -> tuple[str, ...]:
         """The present ones, one sentence each; a function of the state."""
 
+    def include_touching_pairs(self) -> None:
+        """Lets pairs collide that began inside each other, unless they overlap by more than 1 mm now.
+
+        For a state that was set and not reached by time: whether they were apart before is not known then.
+        """
+
 
 @runtime_checkable
 class RebuildingEngine(Protocol):

@@ -7,6 +7,8 @@ named "walls". Simulated literally, such a world explodes. Instead:
 - a body that contains free bodies is **hollow**: it gets walls, an opening, and a floor under its contents;
 - any other pair of fixed or jointed bodies that overlaps when spawned does not collide, nor do pairs connected by a
   joint: furniture is nested, and a drawer that penetrates its neighbor by a millimeter jams;
+- what stands inside of a body, such as the shelf of a door, may overlap what that one is a part of or overlaps: the
+  door and the fridge;
 - a loose body that overlaps another one when spawned is moved out of it (see `settling`), since without the collision
   it would fall through its support.
 
@@ -22,7 +24,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +43,7 @@ __all__ = [
     "TOUCH_TOLERANCE_M",
     "CollisionFilter",
     "CollisionFilterInput",
+    "InteriorFloors",
     "LooseOverlaps",
     "compute_collision_filter",
     "sorted_pair",
@@ -60,11 +63,25 @@ Engines must not resolve such contacts, since faces without a gap would rub and 
 MAX_RESOLVED_PENETRATION_M = 0.01
 """Free bodies that penetrate others by at most this, and half their thickness, are pushed out [m]."""
 
+_MAX_FLOOR_GAP_M = 0.03
+"""What stands on a surface is above it or in it by at most this [m]."""
+
 _MAX_OVERLAPS = 256
 """A body that overlaps more bodies than this is not compared with each of them."""
 
 _MAX_NEIGHBORS = 1024
 """Pairs of bodies with more neighbors than this are skipped, since ten thousand bodies have fifty million pairs."""
+
+
+class InteriorFloors(NamedTuple):
+    """The k surfaces inside of bodies on which contents stand: shelves, and the bottoms of drawers."""
+
+    owner: Indices
+    """The body of each surface."""
+    low: Array
+    """Lower corner of the box around each surface, k x 3 [m]."""
+    high: Array
+    """Upper corner, k x 3 [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +113,8 @@ class CollisionFilterInput:
     """Number of each body's tree: groups connected by joints. None if loose bodies are not moved."""
     is_loose: NDArray[np.bool_] | None = None
     """Whether all groups of the body's tree are dynamic, so that it falls unless it is supported."""
+    floors: InteriorFloors | None = None
+    """The surfaces inside of bodies; None if loose bodies are not moved."""
     could_collide_before: Callable[[int, int], bool] = lambda a, b: False
     """Whether a pair could collide before the edit; then it still can, however deep the overlap."""
 
@@ -184,6 +203,8 @@ def compute_collision_filter(
         text = f"{id} encloses {count} pieces of furniture: it collides with nothing"
         notes.append(SpawnNote(SpawnNoteKind.ENCLOSURE, (id,), text))
     contents, contained = _contents(filter_input, boxes, enclosures, result, a, b)
+    around = _around_containers(filter_input, a, b)
+    contained |= set(around)
     parts = _part_positions(filter_input)
     for outer, inner in contents.items():
         notes.append(
@@ -199,7 +220,47 @@ def compute_collision_filter(
     loose = LooseOverlaps(tuple(pair for pair in loose_pairs if pair[:2] not in nested), nested)
     overlaps = a[~is_settled], b[~is_settled], depth[~is_settled]
     notes += _exclude_overlapping_pairs(filter_input, result, overlaps, resting)
+    for (first, second), is_passing in around.items():
+        pair = sorted_pair(filter_input.ids[first], filter_input.ids[second])
+        if is_passing and pair in result.excluded_pairs:
+            result.temporary_pairs.add(pair)
     return result, notes, loose
+
+
+def _around_containers(filter_input: CollisionFilterInput, a: Indices, b: Indices) -> dict[tuple[int, int], bool]:
+    """The pairs of a body that is not loose, and of what stands inside another one that is in it or a part of it.
+
+    The value is whether the pair is to collide again once it was apart. It is not if the container moves relative to
+    the first body: what is in a drawer has to return with it.
+    """
+    floors = filter_input.floors
+    if floors is None or filter_input.is_loose is None or not len(floors.owner) or not len(a):
+        return {}
+    group, is_dynamic, is_loose = filter_input.group, filter_input.is_dynamic, filter_input.is_loose
+    overlapping: dict[int, set[int]] = {}
+    for i, j in zip(a.tolist(), b.tolist(), strict=True):
+        overlapping.setdefault(i, set()).add(j)
+        overlapping.setdefault(j, set()).add(i)
+    low, high = filter_input.overlap_boxes.bounds()
+    middle, volume = (low + high) / 2, np.prod(high - low, axis=1)
+    found: dict[tuple[int, int], bool] = {}
+    for thing in np.flatnonzero(is_loose).tolist():
+        near = overlapping.get(thing, set())
+        rows = np.flatnonzero(np.isin(floors.owner, list(near)))
+        is_over = np.all(
+            (middle[thing, :2] > floors.low[rows, :2]) & (middle[thing, :2] < floors.high[rows, :2]), axis=1
+        )
+        gap = low[thing, 2] - floors.high[rows, 2]
+        containers = set(floors.owner[rows[is_over & (np.abs(gap) <= _MAX_FLOOR_GAP_M)]].tolist())
+        if not containers:
+            continue
+        container = min(containers, key=lambda row: (volume[row], row))
+        for other in near - {container}:
+            carries = low[thing, 2] >= high[other, 2] - _MAX_FLOOR_GAP_M
+            is_part = bool(group[other] == group[container])
+            if not is_loose[other] and not carries and (is_part or other in overlapping.get(container, ())):
+                found[other, thing] = is_part or not (is_dynamic[container] or is_dynamic[other])
+    return found
 
 
 def _is_settled(

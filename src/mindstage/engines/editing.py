@@ -138,7 +138,8 @@ class EditingEngine(ABC):
         return lambda _: inverse
 
     def _spawn_inverse(self, edit: Spawn) -> _InverseMaker:
-        before = set(self._entities().bodies)
+        bodies = self._entities().bodies
+        before = {id for id in edit.ids if id in bodies}
 
         def inverse(performed: Performed) -> Edit:
             present = self._entities().bodies.keys()

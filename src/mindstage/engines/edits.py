@@ -83,6 +83,7 @@ class SimulatedBodies(FrozenStruct, frozen=True, kw_only=True):
     immovable: frozenset[BodyId] = frozenset()
     settled: Mapping[BodyId, SettledPose] = {}
     below_ground: frozenset[BodyId] = frozenset()
+    uncertain_poses: frozenset[BodyId] = frozenset()
     undecided: frozenset[BodyId] = frozenset()
     """Bodies whose collisions are decided anew before the next step, the others of the world included."""
 

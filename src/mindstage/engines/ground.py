@@ -214,31 +214,42 @@ def find_balanced(columns: Columns, tree: Indices, is_loose: NDArray[np.bool_], 
 
 
 def find_ground_height(
-    boxes: OrientedBoxes, *, belongs: NDArray[np.bool_], is_loose: NDArray[np.bool_], unsupported: NDArray[np.bool_]
+    boxes: OrientedBoxes,
+    *,
+    belongs: NDArray[np.bool_],
+    is_loose: NDArray[np.bool_],
+    unsupported: NDArray[np.bool_],
+    is_certain: NDArray[np.bool_],
 ) -> float:
     """The height of the ground: the lowest side of fixed bodies around loose ones, or of bodies without support [m].
 
-    Small fixed bodies do not count, nor do those far from all loose ones. If none is left, all bodies count. A few
-    bodies without support that are far below all others do not count: they had fallen when the map was recorded.
+    Small fixed bodies do not count, nor do those far from all loose ones, or with an uncertain pose. If none is left,
+    all bodies count with a pose that is certain, or else all. A few bodies without support that are far below all
+    others do not count: they had fallen when the map was recorded.
 
     Args:
         boxes: a box around each of n bodies.
         belongs: whether each belongs to the place, at least one.
         is_loose: whether each is loose.
         unsupported: whether each is loose and has nothing below it.
+        is_certain: whether nothing is known against the pose of each.
     """
     low, high = boxes.bounds()
     loose = np.flatnonzero(is_loose & belongs)
     areas = polygon_areas(footprints(boxes))
-    candidates = np.flatnonzero(~is_loose & belongs & (areas >= _MIN_GROUND_AREA_M2))
+    candidates = np.flatnonzero(~is_loose & belongs & is_certain & (areas >= _MIN_GROUND_AREA_M2))
     fixed_m = np.inf
     for row in candidates[np.argsort(low[candidates, 2], kind="stable")].tolist():
         apart = np.maximum(np.maximum(low[loose] - high[row], low[row] - high[loose]), 0.0)
         if (np.einsum("ni,ni->n", apart, apart) <= _MAX_GROUND_DISTANCE_M**2).any():
             fixed_m = float(low[row, 2])
             break
-    considered = candidates[low[candidates, 2] >= fixed_m] if fixed_m < np.inf else np.flatnonzero(belongs)
-    heights = np.sort(np.concatenate([low[considered, 2], low[unsupported & belongs, 2]]))
+    if fixed_m < np.inf:
+        considered = candidates[low[candidates, 2] >= fixed_m]
+    else:
+        counts = belongs & is_certain
+        considered = np.flatnonzero(counts if counts.any() else belongs)
+    heights = np.sort(np.concatenate([low[considered, 2], low[unsupported & belongs & is_certain, 2]]))
     gaps = np.diff(heights[: int(len(heights) * _MAX_OUTLIER_FRACTION) + 1])
     outliers = np.flatnonzero(gaps > _MIN_OUTLIER_GAP_M)
     return min(fixed_m, float(heights[outliers[-1] + 1 if len(outliers) else 0]))

@@ -111,14 +111,19 @@ class MassProperties:
         """Collision shapes of bodies at their poses; None if no body has geometry."""
         return CollisionShapeBatch.from_compiled(poses, [self.compiled(id) for id in ids]) if self.geometry else None
 
-    def overlap_boxes(self, ids: Sequence[BodyId], body_poses: Array) -> OrientedBoxes:
-        """Boxes for overlap tests: around collision shapes, and smaller than round primitive shapes."""
-        poses, sizes = body_poses.copy(), self.sizes(ids)
+    def local_boxes(self, ids: Sequence[BodyId]) -> tuple[Array, Array]:
+        """Boxes around collision shapes in the frames of their bodies: centers and sizes, k x 3 [m]."""
+        centers, sizes = np.zeros((len(ids), 3)), self.sizes(ids)
         rows = [row for row, id in enumerate(ids) if id in self.geometry]
         if rows:
             low, high = np.array([self.compiled(ids[row]).bounds for row in rows]).transpose(1, 0, 2)
-            poses[rows, :3] += quat_rotate(body_poses[rows, 3:], (low + high) / 2)
-            sizes[rows] = high - low
+            centers[rows], sizes[rows] = (low + high) / 2, high - low
+        return centers, sizes
+
+    def overlap_boxes(self, ids: Sequence[BodyId], body_poses: Array) -> OrientedBoxes:
+        """Boxes for overlap tests: around collision shapes, and smaller than round primitive shapes."""
+        poses, (centers, sizes) = body_poses.copy(), self.local_boxes(ids)
+        poses[:, :3] += quat_rotate(body_poses[:, 3:], centers)
         for row, id in enumerate(ids):
             shape = self._registry.bodies[id].shape
             if shape is None or shape.type is PrimitiveType.BOX or id in self.geometry:

@@ -23,6 +23,7 @@ from mindstage.engines.collision_filter import (
     TOUCH_TOLERANCE_M,
     CollisionFilter,
     CollisionFilterInput,
+    InteriorFloors,
     LooseOverlaps,
     compute_collision_filter,
     sorted_pair,
@@ -65,7 +66,7 @@ from mindstage.scene import (
     Pose,
     Vector,
 )
-from mindstage.scene.bounding_boxes import Indices
+from mindstage.scene.bounding_boxes import Indices, OrientedBoxes
 from mindstage.scene.collision_shapes import (
     CollisionShapeBatch,
     compile_geometry,
@@ -74,7 +75,7 @@ from mindstage.scene.collision_shapes import (
 )
 from mindstage.scene.edits import Attach, BodyEdit, Delete, Detach, Edit, SetPhysics, Spawn
 from mindstage.scene.geometry import Inertia
-from mindstage.scene.joint_kinematics import handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import handles_by_body, is_floating, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -248,6 +249,8 @@ class PhysicsModelBuilder:
         """The assumed ground; None if there is none."""
         self._below_ground: set[BodyId] = set()
         """Loose bodies that were below the ground, or in it, when it was added."""
+        self.uncertain_poses: frozenset[BodyId] = frozenset()
+        """See `Spawn.uncertain_poses`."""
         self._forest: KinematicForest | None = None
         self._loose_roots: frozenset[BodyId] | None = None
         self._changed_bodies: set[BodyId] = set()
@@ -272,6 +275,7 @@ class PhysicsModelBuilder:
         )
         result.settled, result.bounds, result.ground = dict(self.settled), self.bounds, self.ground
         result._below_ground, result._loose_roots = set(self._below_ground), self._loose_roots
+        result.uncertain_poses = self.uncertain_poses
         return result
 
     @property
@@ -306,16 +310,15 @@ class PhysicsModelBuilder:
         """Whether a body collides with the ground: loose bodies do, unless they were below it."""
         return self.ground is not None and id not in self._below_ground and self.is_loose(id)
 
-    def simulation_flags(self) -> frozenset[tuple[str, BodyId]]:
-        """What is decided about bodies with yes or no, and matters for their models."""
-        sets = {
-            "non-colliding": self.collision_filter.non_colliding,
-            "immovable": self.registry.immovable,
-            "below ground": self._below_ground,
-            "loose": self.loose_roots,
-            "weightless": self.actuators.weightless,
-        }
-        return frozenset((name, id) for name, ids in sets.items() for id in ids)
+    def simulation_flags(self) -> tuple[frozenset[BodyId], ...]:
+        """For each decision that matters for models, the bodies of which it is true."""
+        return (
+            frozenset(self.collision_filter.non_colliding),
+            frozenset(self.registry.immovable),
+            frozenset(self._below_ground),
+            self.loose_roots,
+            frozenset(self.actuators.weightless),
+        )
 
     @property
     def assumptions(self) -> tuple[str, ...]:
@@ -404,6 +407,7 @@ class PhysicsModelBuilder:
         self.update_collisions(poses)
         added = self.registry.add(edit.world)
         self.registry.immovable |= edit.immovable.intersection(added.bodies)
+        self.uncertain_poses |= edit.uncertain_poses.intersection(added.bodies)
         bodies = self.registry.bodies
         self.given_excluded_pairs |= {sorted_pair(a, b) for a, b in edit.excluded_pairs if a in bodies and b in bodies}
         invalid_notes = self.mass_properties.add(added.bodies, edit.geometry)
@@ -459,6 +463,7 @@ class PhysicsModelBuilder:
         self._changed_bodies -= removed
         self.collision_filter.remove(removed)
         self._below_ground -= removed
+        self.uncertain_poses -= removed
         for id in removed:
             self.settled.pop(id, None)
         self._loose_roots = None if self._loose_roots is None else self._loose_roots - removed
@@ -488,6 +493,7 @@ class PhysicsModelBuilder:
             immovable=frozenset(self.registry.immovable & kept),
             settled={id: each for id, each in self.settled.items() if id in kept},
             below_ground=frozenset(self._below_ground & kept),
+            uncertain_poses=self.uncertain_poses & kept,
             undecided=frozenset(self._changed_bodies),
         )
 
@@ -522,6 +528,7 @@ class PhysicsModelBuilder:
         self.actuators.restore(before, registry=self.registry, joints=self.simulated_joints)
         self.settled |= before.settled
         self._below_ground |= before.below_ground
+        self.uncertain_poses |= before.uncertain_poses
         self._changed_bodies |= before.undecided & restored
         self._collision_state = _CollisionState(self.forest, tuple(self.registry.joints.values()))
 
@@ -594,7 +601,7 @@ class PhysicsModelBuilder:
         forest = self.forest
         neighbors: dict[BodyId, set[BodyId]] = {}
         for joint in self.registry.joints.values():
-            if joint.disable_collision is not False:
+            if _disables_collision(joint):
                 first, other = forest.root_of[joint.parent], forest.root_of[joint.child]
                 neighbors.setdefault(first, set()).add(other)
                 neighbors.setdefault(other, set()).add(first)
@@ -702,12 +709,28 @@ class PhysicsModelBuilder:
             has_geometry=self.mass_properties.has_geometry_mask(ids),
             tree=self._tree_numbers(ids) if settles else None,
             is_loose=np.array([root in self.loose_roots for root in roots], dtype=bool) if settles else None,
+            floors=self._interior_floors(ids, poses) if settles else None,
             could_collide_before=lambda a, b: (
                 previous.could_collide(ids[a], ids[b]) or sorted_pair(ids[a], ids[b]) in self.given_excluded_pairs
             ),  # pairs that are excluded anyway need no decision
         )
         self.collision_filter, notes, loose = compute_collision_filter(filter_input, self.collision_filter)
         return notes, loose if rows is None else loose.with_rows(rows)
+
+    def _interior_floors(self, ids: Sequence[BodyId], poses: Array) -> InteriorFloors:
+        """The surfaces inside of bodies, which are at poses."""
+        owners, centers, halves = list[int](), list[Vector](), list[Array]()
+        for row, id in enumerate(ids):
+            geometry = self.geometry.get(id)
+            for surface in geometry.support_surfaces if geometry else ():
+                if surface.is_inside:
+                    owners.append(row)
+                    centers.append(surface.center)
+                    halves.append(np.insert(surface.size, int(np.argmax(np.abs(surface.normal))), 0.0) / 2)
+        at = poses[owners].copy()
+        at[:, :3] += quat_rotate(at[:, 3:], np.reshape(centers, (-1, 3)))
+        boxes = OrientedBoxes.from_poses(at, 2 * np.reshape(halves, (-1, 3)))
+        return InteriorFloors(np.array(owners, dtype=np.intp), *boxes.bounds())
 
     def _rows_near(self, new_ids: set[BodyId], poses: Array, state: _CollisionState) -> list[int] | None:
         """Rows of the bodies on which the decisions about a few new bodies depend, in order; None for all.
@@ -751,17 +774,22 @@ class PhysicsModelBuilder:
 
         Parts that one world describes as overlapping, such as a drawer and its casing, have to return to each other.
         """
-        root_of, jointed = self.forest.root_of, self._collision_state.jointed_roots
+        root_of = self.forest.root_of
         for a, b in pairs:
+            jointed = self._collision_state.jointed_roots
             is_added_to = (a in new_ids) is not (b in new_ids)
             is_part = sorted_pair(root_of[a], root_of[b]) in jointed or (a, b) in self.given_excluded_pairs
             if not is_part and (is_added_to or (self.is_loose(a) and self.is_loose(b))):
                 self.collision_filter.temporary_pairs.add((a, b))
 
-    def separated_pairs(self, poses: Array) -> set[tuple[BodyId, BodyId]]:
+    def separated_pairs(self, poses: Array, *, are_touching: bool = False) -> set[tuple[BodyId, BodyId]]:
         """The temporarily excluded pairs that are apart now.
 
         MuJoCo's own distance is not used: it is positive for some boxes that are deep inside each other.
+
+        Args:
+            poses: poses of all bodies.
+            are_touching: whether those are included that overlap by at most as much as others have to be apart.
         """
         pairs = sorted(self.collision_filter.temporary_pairs)
         place = {id: number for number, id in enumerate(dict.fromkeys(id for pair in pairs for id in pair))}
@@ -770,7 +798,8 @@ class PhysicsModelBuilder:
         shapes = CollisionShapeBatch.from_compiled(poses[[rows[id] for id in place]], compiled)
         ends = np.array([[place[id] for id in pair] for pair in pairs], dtype=np.intp)
         depths = shapes.penetration_depths(ends[:, 0], ends[:, 1], np.zeros(len(pairs)), margin_m=_APART_M)
-        return {pair for pair, depth in zip(pairs, depths.tolist(), strict=True) if depth <= -_APART_M}
+        largest_m = _APART_M if are_touching else -_APART_M
+        return {pair for pair, depth in zip(pairs, depths.tolist(), strict=True) if depth <= largest_m}
 
     def include_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> None:
         """Lets pairs collide again that were apart; appends to `late_notes`."""
@@ -804,7 +833,7 @@ class PhysicsModelBuilder:
             )
         )
         notes += settlement.notes
-        for a, b in settlement.nested_pairs:
+        for a, b in (*settlement.nested_pairs, *settlement.stuck_pairs):
             self.collision_filter.excluded_pairs.add(sorted_pair(ids[a], ids[b]))
         if settlement.nested_pairs:
             notes += nested_notes([(ids[a], ids[b]) for a, b in settlement.nested_pairs])
@@ -886,6 +915,7 @@ class PhysicsModelBuilder:
         is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
         is_new = np.arange(len(ids)) >= len(ids) - len(new_ids)
         belongs, low = belongs_to_place(boxes), boxes.bounds()[0][:, 2]
+        is_certain = np.array([id not in self.uncertain_poses for id in ids], dtype=bool)
         hanging, unbalanced = self._unsupported_rows(np.flatnonzero(is_loose & belongs), poses)
         needs = np.union1d(hanging, unbalanced)
         if not len(needs):
@@ -895,9 +925,11 @@ class PhysicsModelBuilder:
         if (
             before is None
             or (low[needs[is_new[needs]]] < before.height_m - _IN_GROUND_M).any()
-            or (low[is_new & ~is_loose & belongs] < before.height_m - _GROUND_TOLERANCE_M).any()
+            or (low[is_new & ~is_loose & belongs & is_certain] < before.height_m - _GROUND_TOLERANCE_M).any()
         ):
-            height_m = find_ground_height(boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging)
+            height_m = find_ground_height(
+                boxes, belongs=belongs, is_loose=is_loose, unsupported=is_hanging, is_certain=is_certain
+            )
             if before is None or abs(height_m - before.height_m) > _IN_GROUND_M:
                 self._below_ground, is_decided[:] = set(), False
             else:
@@ -1062,7 +1094,7 @@ class _CollisionState:
         return frozenset(
             sorted_pair(root_of[joint.parent], root_of[joint.child])
             for joint in self.joints
-            if joint.disable_collision is not False
+            if _disables_collision(joint)
         )
 
     def jointed_pairs_as_numbers(self, indices: Mapping[BodyId, int]) -> frozenset[tuple[int, int]]:
@@ -1076,6 +1108,11 @@ class _CollisionState:
         if a is None or b is None or a == b or sorted_pair(a, b) in self.jointed_roots:
             return False
         return groups[a].is_dynamic or groups[b].is_dynamic
+
+
+def _disables_collision(joint: Joint) -> bool:
+    """Whether the bodies that a joint connects do not collide; those of one that constrains nothing do, if not told."""
+    return not is_floating(joint) if joint.disable_collision is None else joint.disable_collision
 
 
 _MAX_LISTED = 3

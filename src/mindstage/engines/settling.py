@@ -10,7 +10,7 @@ Fixed bodies, and loose ones that are already placed, are obstacles. Bodies conn
 tree. A tree that would have to be moved by more than its own size stays where it is:
 
 - of two loose bodies that stand inside each other, neither is the support of the other: they do not collide;
-- a body that is stuck in fixed ones is made static.
+- a body that is stuck in fixed ones is made static, and does not collide with them, since a door could be among them.
 """
 
 from __future__ import annotations
@@ -79,6 +79,8 @@ class Settlement:
     """Translation of each moved body [m]."""
     stuck: list[int] = field(default_factory=list)
     """Bodies that cannot be moved out of fixed ones."""
+    stuck_pairs: list[tuple[int, int]] = field(default_factory=list)
+    """Pairs of such a body and of what it is stuck in, which must not push each other away."""
     nested_pairs: list[tuple[int, int]] = field(default_factory=list)
     """Pairs of loose bodies that are inside each other, and must not collide."""
     notes: list[SpawnNote] = field(default_factory=list)
@@ -183,6 +185,7 @@ class _Settler:
             self._apply(own, shift)
         if shift is None:
             self._result.stuck += rows.tolist()
+            self._result.stuck_pairs += [(row, hit) for row in rows.tolist() for hit in hits]
             text = f"{self._name(rows)} is stuck in {self._names(hits)}: it is simulated as static"
             self._result.notes.append(SpawnNote(SpawnNoteKind.SETTLED, self._note_ids(rows, hits), text))
         elif np.any(shift + carried):

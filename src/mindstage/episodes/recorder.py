@@ -341,7 +341,8 @@ class Recorder:
         """
         if self._last is None or not self.recording:
             return
-        edit = EpisodeEdit(time_s=self.time_s, kind=kind, client=client, ids=tuple(ids), details=details)
+        now_s = round(self._last_time_s + self._offset_s, 9)  # of the state, which need not be a frame
+        edit = EpisodeEdit(time_s=now_s, kind=kind, client=client, ids=tuple(ids), details=details)
         self._pending.append(edit)
         if kind == SKILL_EDIT and (event := self._performance(edit)) is not None:
             self._pending.append(event)

@@ -22,6 +22,7 @@ from mindstage.geometry.fit_context import (
     SceneContext,
     cavity_of,
     shelf_heights,
+    tray_heights,
     wall_openings,
     worktop_cutouts,
 )
@@ -286,7 +287,7 @@ def _open_walls(orientation: Orientation, walls: Mapping[BodySide, float]) -> tu
 
 
 def _level_parameters(cavity: Cavity, up: BodySide, fields: tuple[str, ...]) -> dict[str, Any]:
-    levels = shelf_heights(cavity, up)
+    levels = (tray_heights if "trays" in fields else shelf_heights)(cavity, up)
     if not levels:
         return {}
     if "levels" in fields:

@@ -28,6 +28,7 @@ __all__ = [
     "SceneContext",
     "cavity_of",
     "shelf_heights",
+    "tray_heights",
     "wall_openings",
     "worktop_cutouts",
 ]
@@ -244,6 +245,9 @@ _CLEARANCE_M = 0.0005
 _MIN_WALL_M = 0.0005
 _SAME_LEVEL_M = 0.004
 """Contents whose undersides differ by less share a level."""
+_MAX_STACK_GAP_M = 0.03
+"""In a drawer, contents that are this near above others stand on these, not on a tray."""
+_MIN_TRAY_SPACING_M = 0.1
 _MIN_INSERT_DEPTH_M = 0.002
 """Bodies with a smaller overlap are in contact, but not inserted."""
 _MAX_CONTENT_FRACTION = 0.5
@@ -296,20 +300,37 @@ def cavity_of(context: SceneContext, row: int, neighborhood: Neighborhood) -> Ca
 
 def shelf_heights(cavity: Cavity, up: BodySide) -> tuple[float, ...]:
     """Returns the heights at which contents stand, from the center [m], ascending; stacked contents are ignored."""
-    low, high = cavity.low[cavity.is_free], cavity.high[cavity.is_free]
-    if not len(low):
-        return ()
-    axis = up.axis
-    flat = [each for each in range(3) if each != axis]
-    bottoms, tops = (low[:, axis], high[:, axis]) if up.sign > 0 else (-high[:, axis], -low[:, axis])
-    beneath = np.abs(tops - bottoms[:, None]) < _SAME_LEVEL_M
-    beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
-    stacked = np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)
+    bottoms, _, stacked = _standing(cavity, up, _SAME_LEVEL_M)
     levels: list[float] = []
     for level in sorted(bottoms[~stacked].tolist()):
         if not (levels and level - levels[-1] < _SAME_LEVEL_M):
             levels.append(level)
     return tuple(levels)
+
+
+def tray_heights(cavity: Cavity, up: BodySide) -> tuple[float, ...]:
+    """Returns the heights of the trays of a drawer, from the center [m], ascending; the lowest is its floor.
+
+    A tray is where contents stand far above the one below, have nothing under them, and nothing passes through it.
+    """
+    bottoms, tops, stacked = _standing(cavity, up, _MAX_STACK_GAP_M)
+    levels = list(shelf_heights(cavity, up)[:1])
+    for level in sorted(bottoms[~stacked].tolist()):
+        passes = (bottoms < level - _SAME_LEVEL_M) & (tops > level + _SAME_LEVEL_M)
+        if levels and level - levels[-1] >= _MIN_TRAY_SPACING_M and not passes.any():
+            levels.append(level)
+    return tuple(levels)
+
+
+def _standing(cavity: Cavity, up: BodySide, max_gap_m: float) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The heights of the undersides and tops of free contents, and whether each has another one under it."""
+    low, high = cavity.low[cavity.is_free], cavity.high[cavity.is_free]
+    axis = up.axis
+    flat = [each for each in range(3) if each != axis]
+    bottoms, tops = (low[:, axis], high[:, axis]) if up.sign > 0 else (-high[:, axis], -low[:, axis])
+    beneath = np.abs(tops - bottoms[:, None]) < max_gap_m
+    beside = np.all((low[:, flat] < high[:, None, flat]) & (low[:, None, flat] < high[:, flat]), axis=2)
+    return bottoms, tops, np.any(beneath & beside & ~np.eye(len(low), dtype=bool), axis=1)
 
 
 def worktop_cutouts(

@@ -7,7 +7,9 @@ are immovable is therefore decided here, in this order:
   a word in its name;
 - by size: a body that is longer than `MAX_LOOSE_EXTENT_M`, or that encloses several others, is not loose;
 - by the map: where it describes bodies that are fixed by class, and nearly all others, as dynamic, its mobility is no
-  evidence. Furniture and parts are immovable then, and so are bodies of unknown classes that nobody carries.
+  evidence. Furniture and parts are immovable then, and so are bodies of unknown classes that nobody carries;
+- by place: a door, a drawer or a rack for which the map has no joint, and that meets a fixed piece of furniture, is
+  held by it.
 
 A body that a joint moves is never immovable, and bodies that are attached move with their parent. The world itself is
 not changed: it keeps the mobility of the map.
@@ -39,6 +41,10 @@ MAX_PORTABLE_EXTENT_M = 0.6
 """Length above which a body is immovable, unless its class is portable [m]."""
 _MIN_UNIFORM_FRACTION = 0.75
 """Fraction of dynamic bodies from which on the mobility of a map is no evidence, if fixed ones are among them."""
+_PART_SHAPES = ("door", "drawer", "rack")
+_HOLDER_SHAPES = ("case", "shelf", "drawer", "frame")
+_MEETING_M = 0.01
+"""A part meets a piece of furniture if the distance of their boxes is at most this [m]."""
 _MAX_LISTED_CLASSES = 12
 """Classes that a note names."""
 
@@ -91,6 +97,14 @@ def find_immovable_bodies(world: World, knowledge: MountingSource) -> ImmovableB
             )
             notes.append((tuple(body.id for body in placed), text))
             ids.update(body.id for body in placed)
+    parts = [body for body in rest if body.id not in ids and _is_part(body, rules[body.cls])]
+    if held := _held_by_furniture(parts, world, ids, knowledge):
+        text = (
+            f"{_count(held)} dynamic in the map, which has no joint for what furniture holds: {_classes(held, rules)}; "
+            "static is simulated"
+        )
+        notes.append((tuple(body.id for body in held), text))
+        ids.update(body.id for body in held)
     return ImmovableBodies(frozenset(ids), tuple(notes))
 
 
@@ -133,12 +147,46 @@ def _too_large(bodies: Sequence[Body], world: World) -> list[Body]:
     return [body for body in bodies if body.id in long]
 
 
-def _enclosing(world: World, ids: set[BodyId]) -> set[BodyId]:
-    """Those of the bodies that contain several others."""
+def _is_part(body: Body, rule: ShapeRule) -> bool:
+    """Whether a body is what furniture holds: its doors, drawers and racks."""
+    return rule.shape_type in _PART_SHAPES and _mounting(body, rule) is Mounting.INSTALLED
+
+
+def _held_by_furniture(
+    parts: Sequence[Body], world: World, immovable: set[BodyId], knowledge: MountingSource
+) -> list[Body]:
+    """Those of the parts that meet a fixed piece of furniture."""
+    if not parts:
+        return []
+    sized, boxes = _sized_boxes(world)
+    wanted = {body.id for body in parts}
+    attached = {each.child for each in world.attachments}
+    is_part = np.array([body.id in wanted for body in sized], dtype=bool)
+    is_holder = np.array(
+        [
+            ((not body.physics.is_dynamic and body.id not in attached) or body.id in immovable)
+            and knowledge.shape_rule(body.cls).shape_type in _HOLDER_SHAPES
+            for body in sized
+        ],
+        dtype=bool,
+    )
+    held = set[BodyId]()
+    for pair in overlapping_pairs(boxes, is_part, is_holder, margin=(_MEETING_M,) * 3):
+        held.update(sized[row].id for row in np.concatenate(pair).tolist() if is_part[row])
+    return [body for body in parts if body.id in held]
+
+
+def _sized_boxes(world: World) -> tuple[list[Body], OrientedBoxes]:
+    """The bodies with a size and an orientation, and a box around each."""
     sized = [body for body in world.bodies if body.size is not None and any(body.pose.quaternion)]
     poses = pose_array(body.pose for body in sized)
     poses[:, 3:] = normalize(poses[:, 3:])
-    boxes = OrientedBoxes.from_poses(poses, np.array([body.size for body in sized], dtype=float))
+    return sized, OrientedBoxes.from_poses(poses, np.array([body.size for body in sized], dtype=float))
+
+
+def _enclosing(world: World, ids: set[BodyId]) -> set[BodyId]:
+    """Those of the bodies that contain several others."""
+    sized, boxes = _sized_boxes(world)
     mask: NDArray[np.bool_] = np.array([body.id in ids for body in sized], dtype=bool)
     count = np.zeros(len(sized), dtype=np.intp)
     for a, b in overlapping_pairs(boxes, mask, np.ones(len(sized), dtype=bool)):

@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from mindstage.imagination.acting import TryFirstResult, act, try_first
+from mindstage.imagination.confidence import confidence_sequence, samples_to_decide, wilson_interval
 from mindstage.imagination.execution import PlanRunner, is_uncertain, run_plan, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, WorkerPoolExecutor
 from mindstage.imagination.plan_files import PlanBuilder, PlanFile, PlanLike, dump_plan, load_plan, plan_schema
@@ -24,12 +25,12 @@ from mindstage.imagination.plans import (
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.verdicts import (
     CauseCount,
+    IntervalKind,
     Progress,
     Replay,
     ReplayFrame,
     Verdict,
     evaluate_plan,
-    wilson_interval,
 )
 from mindstage.lazy_names import lazy_names
 from mindstage.scene.edits import Attach, Detach
@@ -48,6 +49,7 @@ __all__ = [
     "Executor",
     "ImaginedEvent",
     "InProcessExecutor",
+    "IntervalKind",
     "Job",
     "Move",
     "Open",
@@ -73,12 +75,14 @@ __all__ = [
     "WarpExecutor",
     "WorkerPoolExecutor",
     "act",
+    "confidence_sequence",
     "dump_plan",
     "evaluate_plan",
     "is_uncertain",
     "load_plan",
     "plan_schema",
     "run_plan",
+    "samples_to_decide",
     "try_first",
     "validate_plan",
     "wilson_interval",

@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -31,9 +31,9 @@ from mindstage.imagination.verdicts import Progress, Verdict, evaluate_plan
 from mindstage.ranges import Fraction, Seed, Workers, checked
 from mindstage.robots.skill_declaration import SkillStep
 from mindstage.scene import BodyId
-from mindstage.simulation import Simulation
+from mindstage.simulation import Simulation, StateSnapshot
 
-__all__ = ["TryFirstResult", "act", "try_first"]
+__all__ = ["TryFirstResult", "act", "is_changed", "try_first"]
 
 _CHANGED_M = 1e-3
 """A body that has moved farther while a plan was tried changes the world [m, and parts of a unit quaternion]."""
@@ -103,7 +103,7 @@ def act(
         PlanError: the plan does not fit the world; nothing was done.
     """
     file = load_plan(plan)
-    certain = msgspec.structs.replace(file, plan=msgspec.structs.replace(file.plan, uncertainty=()))
+    certain = msgspec.structs.replace(file, plan=msgspec.structs.replace(file.plan, uncertainty=(), guesses=False))
     runner = PlanRunner(simulation, certain, seed=seed)
     with simulation.edits.one_step(file.plan.name or "plan"):
         sample = runner.begin(simulation, 0, on_poses=on_poses, on_step=on_step)
@@ -118,7 +118,7 @@ def try_first(
     at_least: Fraction = 0.9,
     certain: bool = True,
     check: Check | None = None,
-    uncertainty: Iterable[Uncertainty] = (),
+    uncertainty: Iterable[Uncertainty | Literal["guesses"]] | Literal["guesses"] = (),
     samples: Samples = 100,
     seed: Seed = 0,
     budget_s: Timeout = 60.0,
@@ -170,7 +170,7 @@ def try_first(
         )
         on_verdict(verdict)
         reason = "canceled" if cancel() else _objection(verdict, at_least, certain=certain)
-        reason = reason or _change(before.ids, before.poses, simulation)
+        reason = reason or _change(before, simulation.state)
     if reason:
         return TryFirstResult(verdict=verdict, at_least=at_least, result=None, reason=reason)
     result = act(simulation, verdict.plan, seed=seed, stop=cancel, on_poses=on_poses, on_step=on_step)
@@ -190,14 +190,18 @@ def _objection(verdict: Verdict, at_least: float, *, certain: bool) -> str:
     return f"the probability is {found}, and at least {at_least:.2f} is required{why}"
 
 
-def _change(ids: tuple[BodyId, ...], poses: PoseArray, simulation: Simulation) -> str:
-    """What has changed since there were these poses, in words; empty if nothing has."""
-    state = simulation.state
-    if state.ids != ids:
-        names = sorted(set(state.ids) ^ set(ids))
+def is_changed(before: StateSnapshot, now: StateSnapshot) -> bool:
+    """Whether a world was edited, or something moved in it, so that a verdict about it does not hold any more."""
+    return before.revision != now.revision or bool(_change(before, now))
+
+
+def _change(before: StateSnapshot, now: StateSnapshot) -> str:
+    """What has changed between two states, in words; empty if nothing has."""
+    if now.ids != before.ids:
+        names = sorted(set(now.ids) ^ set(before.ids))
         return f"bodies were added or removed while the plan was tried: {', '.join(names[:3])}"
-    moved = np.abs(state.poses - poses).max(axis=1, initial=0.0) > _CHANGED_M
-    return f"{ids[int(np.argmax(moved))]} has moved while the plan was tried" if moved.any() else ""
+    moved = np.abs(now.poses - before.poses).max(axis=1, initial=0.0) > _CHANGED_M
+    return f"{now.ids[int(np.argmax(moved))]} has moved while the plan was tried" if moved.any() else ""
 
 
 @contextmanager

@@ -6,9 +6,11 @@ any process. They are drawn in the order of the bodies for the start, and then i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import partial
+from itertools import takewhile
 from math import cos, sin
 from typing import Any, NoReturn, Protocol, TypeAlias, TypeVar, cast
 
@@ -22,14 +24,17 @@ from mindstage.errors import (
     InvalidArgumentError,
     KnowledgeError,
     MindstageError,
+    NoFreePlacementError,
     PlanError,
     RobotError,
     SimulationError,
     WorldError,
     suggestion,
 )
+from mindstage.imagination.guesses import Guess, Guesses, GuessKind
 from mindstage.imagination.plan_files import PlanFile, PlanLike, load_plan
 from mindstage.imagination.plans import (
+    MAX_DEVIATION,
     ChangePhysics,
     Check,
     Close,
@@ -45,7 +50,7 @@ from mindstage.imagination.plans import (
     Wait,
 )
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
-from mindstage.imagination.watch import EventWatch, WatchBasis
+from mindstage.imagination.watch import MAX_CORRECTION_M, EventWatch, WatchBasis
 from mindstage.knowledge.names import EntityType
 from mindstage.ranges import Index, Seed, checked
 from mindstage.rdf.graphs import local_name
@@ -73,8 +78,11 @@ __all__ = [
     "RunningSample",
     "SampleSession",
     "SampleStoppedError",
+    "is_stopped",
     "is_uncertain",
+    "named_bodies",
     "run_plan",
+    "stopping",
     "validate_plan",
 ]
 
@@ -93,6 +101,7 @@ _REST_M = 4e-4
 _REST_CHUNKS = 3
 _MAX_SETTLE_S = 5.0
 """Without a condition, a plan ends after this time although something still moves [s]."""
+_NAME_FIELDS = ("thing", "on", "into", "parent", "child")
 _MIN_FACTOR = 0.05
 """The smallest factor of a mass or friction; smaller random ones are replaced by it."""
 
@@ -102,11 +111,30 @@ def never() -> bool:
     return False
 
 
+_STOP: ContextVar[Callable[[], bool]] = ContextVar("stop of imagination", default=never)
+
+
+@contextmanager
+def stopping(stop: Callable[[], bool]) -> Iterator[None]:
+    """In the context, trials of questions that are asked, as of checks, end when `stop` returns true."""
+    token = _STOP.set(stop)
+    try:
+        yield
+    finally:
+        _STOP.reset(token)
+
+
+def is_stopped() -> bool:
+    """Whether trials have to end; see `stopping`."""
+    return _STOP.get()()
+
+
 def is_uncertain(plan: PlanLike) -> bool:
     """Whether samples of a plan differ: a plan without uncertainty has one outcome only."""
-    return any(
+    given = load_plan(plan).plan
+    return given.guesses or any(
         np.any(each.position_m) or each.yaw_rad or each.mass or each.friction or each.joint_friction
-        for each in load_plan(plan).plan.uncertainty
+        for each in given.stated
     )
 
 
@@ -148,10 +176,24 @@ def validate_plan(plan: PlanLike, simulation: Simulation) -> None:
     _Validator(load_plan(plan), simulation).check()
 
 
+def named_bodies(plan: Plan, simulation: WorldSession) -> frozenset[BodyId]:
+    """The bodies that the steps of a plan name, and those that move on joints that they name."""
+    values = [getattr(step, field) for step in plan.steps for field in _NAME_FIELDS if hasattr(step, field)]
+    values += [value for step in plan.steps if isinstance(step, Perform) for value in step.args.values()]
+    names = {
+        name for each in values for name in (each if isinstance(each, tuple) else (each,)) if isinstance(name, str)
+    }
+    found = {find_body(simulation, name) for name in names}
+    ends = {end for joint in simulation.snapshot().joints if joint.id in names for end in (joint.parent, joint.child)}
+    return frozenset(id for id in found | ends if id is not None)
+
+
 class SampleSession(WorldSession, Protocol):
     """The world of a sample, such as a `Simulation`; who has begun the sample steps it."""
 
-    def place(self, item: str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
+    def place(
+        self, item: list[str], *, on: str | None = None, into: str | None = None, room_for: Sequence[str] = ()
+    ) -> tuple[PlacementResult, ...]:
         """See `Simulation.place`."""
 
     def ask(self, question: str, /, **args: Any) -> Iterable[Any]:
@@ -171,12 +213,15 @@ class PlanRunner:
     """Executes one plan again and again, in simulations that begin in the same state."""
 
     @checked
-    def __init__(self, simulation: Simulation, plan: PlanLike, *, seed: Seed = 0) -> None:
+    def __init__(
+        self, simulation: Simulation, plan: PlanLike, *, seed: Seed = 0, fixed_guesses: Collection[Guess] = ()
+    ) -> None:
         """Prepares what all samples have in common.
 
         Args:
             simulation: a simulation in the state in which all samples begin.
             seed: the seed of all samples.
+            fixed_guesses: guesses that do not vary although the plan says so.
 
         Raises:
             PlanError: the plan does not fit the world.
@@ -186,6 +231,8 @@ class PlanRunner:
         plan = file.plan
         self._plan, self._seed = plan, seed
         self._basis = WatchBasis.of(simulation)
+        self._guesses = Guesses.of(simulation) if plan.guesses else Guesses()
+        self._fixed_guesses = fixed_guesses
         self._uncertainty = _uncertainty_by_body(plan, simulation, self._basis)
         layout = self._basis.layout
         self._free = frozenset(layout.ids[row] for row in layout.free_rows.tolist())
@@ -235,6 +282,7 @@ class PlanRunner:
         rng = np.random.default_rng([self._seed, index])
         sample = _Sample(world, self._plan, self._basis, self._uncertainty, self._free, rng, on_poses)
         sample.on_step = on_step
+        sample.guessed = self._guesses.factors(self._seed, index, self._fixed_guesses)
         return sample.run(index)
 
 
@@ -305,6 +353,7 @@ class _Sample:
         self.answers: tuple[dict[str, object], ...] = ()
         self.skills: list[SkillResult] = []
         self.on_step: Callable[[SkillStep], object] | None = None
+        self.guessed: Mapping[BodyId, Mapping[GuessKind, float]] = {}
 
     def run(self, index: int) -> RunningSample:
         outcome, cause, is_interrupted = Outcome.SUCCEEDED, None, False
@@ -337,6 +386,7 @@ class _Sample:
             duration_s=round(self.watch.time_s, 9),
             end_poses=self._end_poses(),
             is_interrupted=is_interrupted,
+            began_in_collision=self.watch.began_in_collision,
             answers=self.answers,
             skills=tuple(self.skills),
         )
@@ -344,14 +394,21 @@ class _Sample:
     # -- uncertainty -------------------------------------------------------------------------------------------------
 
     def _perturb_start(self) -> None:
-        scales: dict[BodyId, DynamicsScale] = {}
+        try:
+            self._perturb()
+        except (WorldError, InvalidArgumentError) as error:  # a number that the engine refuses
+            raise _StepFailedError(self._event(EventKind.REFUSED, f"a random start: {error}")) from error
+
+    def _perturb(self) -> None:
+        scales = {id: _scale(factors) for id, factors in self.guessed.items()}
         poses: list[tuple[BodyId, Pose]] = []
         for id, each in self.uncertainty.items():
             pose_noise, factors = self.rng.standard_normal(4), self.rng.standard_normal(3)
             deviations = np.array([each.mass, each.friction, each.joint_friction])
             if deviations.any():
-                mass, friction, joint_friction = np.maximum(1.0 + deviations * factors, _MIN_FACTOR).tolist()
-                scales[id] = DynamicsScale(mass=mass, friction=friction, joint_friction=joint_friction)
+                random = np.maximum(1.0 + deviations * factors, _MIN_FACTOR).tolist()
+                stated = {kind: factor for kind, factor in zip(GuessKind, random, strict=True) if factor != 1.0}
+                scales[id] = _scale({**self.guessed.get(id, {}), **stated})
             if id in self.free and _moves(each):
                 poses.append((id, _perturbed(self._pose(id), each, pose_noise)))
 
@@ -364,6 +421,7 @@ class _Sample:
         if scales or poses:
             self.simulation.engine.run(perturb, label="perturb", edits=True)
             self.watch.set_reference(id for id, _ in poses)
+            self.watch.begin_overlaps(id for id, _ in poses)
 
     def _noisy(self, id: BodyId, pose: Pose) -> Pose:
         """A pose that a step gives a body, with the deviation of its pose."""
@@ -413,7 +471,7 @@ class _Sample:
 
     def _execute(self, step: PlanStep) -> _SimulatedTime:
         if not isinstance(step, Edit):  # which takes no time
-            self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.deadline_s)
+            self.limit_s = min(self.plan.time_limit_s, self.watch.time_s + step.time_limit_s)
         try:
             yield from self._do(step)
         except (WorldError, KnowledgeError, RobotError) as error:
@@ -451,26 +509,53 @@ class _Sample:
         return pose_from_array(pose)
 
     def _place(self, step: Place) -> None:
-        item = step.thing
-        existing = self._find(item)
+        items = [self._find(each) or each for each in step.things]
         on = None if step.on is None else self._body(step.on)
         into = None if step.into is None else self._body(step.into)
-        placed = self.simulation.place(existing or item, on=on, into=into)
-        self.named.add(placed.id)
-        if existing is None and placed.id not in self.uncertainty:
-            self.uncertainty = {**self.uncertainty, **self._uncertainty_of_new(placed.id)}
-        self._set_pose(placed.id, placed.pose)
+        known = set(self.simulation.state.ids)
+        for placed in self._places(items, self._placed_next(step), on=on, into=into):
+            self.named.add(placed.id)
+            if placed.id not in known and placed.id not in self.uncertainty:
+                self.uncertainty = {**self.uncertainty, **self._uncertainty_of_new(placed.id)}
+            self._set_pose(placed.id, placed.pose)
+
+    def _placed_next(self, step: Place) -> list[str]:
+        """What the steps right after this one put on or into the same holder."""
+        following = self.plan.steps[(self.watch.step or 0) + 1 :]
+        places = takewhile(lambda each: isinstance(each, Place), following)
+        same = takewhile(lambda each: (each.on, each.into) == (step.on, step.into), cast("Iterator[Place]", places))
+        return [self._find(thing) or thing for each in same for thing in each.things]
+
+    def _places(
+        self, items: list[str], later: list[str], *, on: str | None, into: str | None
+    ) -> tuple[PlacementResult, ...]:
+        with suppress(NoFreePlacementError):  # then the next step says what does not fit
+            if later:
+                return self.simulation.place(items, on=on, into=into, room_for=later)
+        return self.simulation.place(items, on=on, into=into)
 
     def _uncertainty_of_new(self, id: BodyId) -> dict[BodyId, Uncertainty]:
         body = next(each for world in self.simulation.worlds for each in world.bodies if each.id == id)
-        merged = _merged([each for each in self.plan.uncertainty if _is_about(each, id, body.cls, self.simulation)])
+        merged = _merged([each for each in self.plan.stated if _is_about(each, id, body.cls, self.simulation)])
         return {} if merged is None else {id: merged}
 
     def _set_pose(self, id: BodyId, pose: Pose) -> None:
-        """Sets the pose of a thing, at rest, with those of what stands on it."""
-        poses = {id: self._noisy(id, pose)}
-        new_from_old = pose_multiply(_array(poses[id]), pose_inverse(self._pose(id)))
-        for load in self.watch.loads_of(id):
+        """Sets the pose of a thing, at rest, with those of what stands on it, and then adds its deviation."""
+        loads = self.watch.loads_of(id)
+        self._set_exactly(id, pose, loads)
+        for overlap in self.watch.overlaps((id, *loads)):
+            if overlap.depth_m > MAX_CORRECTION_M:
+                event = self._event(EventKind.REFUSED, f"the given pose is not free: {overlap.text}")
+                raise _StepFailedError(msgspec.structs.replace(event, thing=overlap.thing, other=overlap.other))
+        noisy = self._noisy(id, pose)
+        if noisy is not pose:
+            self._set_exactly(id, noisy, loads)
+        self.watch.begin_overlaps((id, *loads))
+
+    def _set_exactly(self, id: BodyId, pose: Pose, loads: Iterable[BodyId]) -> None:
+        poses = {id: pose}
+        new_from_old = pose_multiply(_array(pose), pose_inverse(self._pose(id)))
+        for load in loads:
             poses[load] = pose_from_array(pose_multiply(new_from_old, self._pose(load)))
         self._edit(SetPoses(poses, {} if self.watch.is_prescribed(id) else None))  # {}: it is there at once
         self.watch.set_reference(poses)
@@ -501,7 +586,7 @@ class _Sample:
                     distance_m = float(np.linalg.norm(error))
                     if distance_m <= _ARRIVED_M:
                         return
-                    if self.watch.time_s - start_s + _CHUNK_S > step.deadline_s:
+                    if self.watch.time_s - start_s + _CHUNK_S > step.time_limit_s:
                         raise _StepFailedError(
                             self._jam(id, f"{distance_m:.3f} m before its target", amount=distance_m)
                         )
@@ -642,7 +727,11 @@ class _Sample:
 
     def _answer(self, check: Check) -> tuple[bool, tuple[dict[str, object], ...]]:
         """Whether the answers to a question are as expected, and the answers as plain data."""
+        from mindstage.knowledge.queries import get_question
+
         rows = self.simulation.ask(check.question, **check.args)
+        if is_stopped() and get_question(check.question).imagines:
+            raise SampleStoppedError  # the answers rest on too few samples
         plain = tuple({name: msgspec.to_builtins(getattr(row, name)) for name in row.__struct_fields__} for row in rows)
         if isinstance(check.expect, str):
             return bool(plain) is (check.expect == "any"), plain
@@ -654,6 +743,11 @@ class _Sample:
 
     def _event(self, kind: EventKind, text: str) -> ImaginedEvent:
         return ImaginedEvent(kind=kind, text=text, time_s=self.watch.time_s, step=self.watch.step)
+
+
+def _scale(factors: Mapping[GuessKind, float]) -> DynamicsScale:
+    mass, friction, joint_friction = (factors.get(kind, 1.0) for kind in GuessKind)
+    return DynamicsScale(mass=mass, friction=friction, joint_friction=joint_friction)
 
 
 def _apply_force(id: BodyId, force: Vector, point: Vector | None, engine: Engine) -> None:
@@ -714,12 +808,12 @@ def _perturbed(pose: Array, uncertainty: Uncertainty, noise: Array) -> Pose:
 
 def _uncertainty_by_body(plan: Plan, simulation: Simulation, basis: WatchBasis) -> dict[BodyId, Uncertainty]:
     """The uncertainty of each body, in the order of the poses; what is stated for a body precedes that of its class."""
-    if not plan.uncertainty:
+    if not plan.stated:
         return {}
     bodies = {body.id: body for body in basis.world.bodies}
     found = {}
     for id in basis.layout.ids:
-        merged = _merged([each for each in plan.uncertainty if _is_about(each, id, bodies[id].cls, simulation)])
+        merged = _merged([each for each in plan.stated if _is_about(each, id, bodies[id].cls, simulation)])
         if merged is not None:
             found[id] = merged
     return found
@@ -760,24 +854,38 @@ class _Validator:
             raise PlanError(self.place("steps"), cause="the plan has neither steps nor a check")
         for number, step in enumerate(self.plan.steps):
             self._check_step(f"steps[{number}]", step)
+        self._check_times()
+        if self.plan.guesses and Capability.SCALE_DYNAMICS not in self.simulation.engine.capabilities:
+            self._fail("uncertainty", f"{self.simulation.engine.name} cannot vary masses and frictions; use mujoco")
         kinds = tuple(EventKind)
         for number, kind in enumerate(self.plan.forbid):
             if kind not in kinds:
                 self._fail(f"forbid[{number}]", f"{kind!r} is no kind of event; {suggestion(kind, kinds)}")
-        for number, each in enumerate(self.plan.uncertainty):
+        for number, each in enumerate(self.plan.stated):
             self._check_uncertainty(f"uncertainty[{number}]", each)
         for name, check in (("check", self.plan.check), ("until", self.plan.until)):
             if check is not None:
                 self._check_question(name, check)
 
+    def _check_times(self) -> None:
+        """Checks that durations and deadlines do not contradict one another."""
+        limit_s, total_s = self.plan.deadline_s, 0.0
+        for number, step in enumerate(self.plan.steps):
+            if isinstance(step, Edit):
+                continue
+            path, given_s = f"steps[{number}].deadline_s", step.deadline_s
+            total_s += step.given_duration_s
+            if given_s is not None and given_s < step.given_duration_s:
+                self._fail(path, f"the step takes {step.given_duration_s:g} s, and is to end after {given_s:g} s")
+            if limit_s is not None and given_s is not None and given_s > limit_s and not isinstance(step, Perform):
+                self._fail(path, f"{given_s:g} s is later than the deadline of the plan, {limit_s:g} s")
+        if limit_s is not None and limit_s < total_s:
+            self._fail("deadline_s", f"the steps take {total_s:g} s, and the plan is to end after {limit_s:g} s")
+
     def _check_step(self, path: str, step: PlanStep) -> None:
         match step:
             case Place():
-                if (step.on is None) is (step.into is None):
-                    self._fail(path, "a thing is placed either `on` or `into` another one")
-                self._check_body(f"{path}.{'on' if step.on is not None else 'into'}", step.on or step.into or "")
-                if not self._exists(step.thing):
-                    self._check_new(f"{path}.thing", step.thing)
+                self._check_place(path, step)
             case Move():
                 if (step.to is None) is (step.by is None):
                     self._fail(path, "a thing is moved either `to` a pose or `by` a displacement")
@@ -797,6 +905,18 @@ class _Validator:
                 self._check_body(f"{path}.child", step.child)
             case Perform():
                 self._check_skill(path, step)
+
+    def _check_place(self, path: str, step: Place) -> None:
+        if (step.on is None) is (step.into is None):
+            self._fail(path, "a thing is placed either `on` or `into` another one")
+        self._check_body(f"{path}.{'on' if step.on is not None else 'into'}", step.on or step.into or "")
+        if not step.things:
+            self._fail(f"{path}.thing", "nothing is placed")
+        for thing in step.things:
+            if not self._exists(thing):
+                self._check_new(f"{path}.thing", thing)
+            elif step.things.count(thing) > 1:
+                self._fail(f"{path}.thing", f"{thing!r} is placed twice")
 
     def _check_skill(self, path: str, step: Perform) -> None:
         from mindstage.robots.skill_declaration import skill_specs  # few plans have skills
@@ -842,8 +962,8 @@ class _Validator:
         self.new_ids.add(name)
 
     def _check_uncertainty(self, path: str, each: Uncertainty) -> None:
-        if not np.all(np.asarray(each.position_m) >= 0.0) or not np.all(np.isfinite(each.position_m)):
-            self._fail(f"{path}.position_m", "a standard deviation is at least 0")
+        if not np.all(np.asarray(each.position_m) >= 0.0) or not np.all(np.asarray(each.position_m) <= MAX_DEVIATION):
+            self._fail(f"{path}.position_m", f"a standard deviation is a number from 0 to {MAX_DEVIATION:g}")
         if (each.mass or each.friction or each.joint_friction) and (
             Capability.SCALE_DYNAMICS not in self.simulation.engine.capabilities
         ):
@@ -862,7 +982,8 @@ class _Validator:
             question = get_question(check.question)
             question.bind((), check.args)
             if self.new_ids.isdisjoint(map(str, check.args.values())):  # else they can be asked for only later
-                self.simulation.ask(check.question, **check.args)
+                with stopping(lambda: True):  # what imagines only resolves its names
+                    self.simulation.ask(check.question, **check.args)
         except KnowledgeError as error:
             self._fail(path, str(error), error)
         columns = question.row.__struct_fields__

@@ -24,7 +24,8 @@ from typing import Any, BinaryIO, Protocol, cast
 from uuid import uuid4
 
 from mindstage.errors import ImaginationError, MindstageError
-from mindstage.imagination.execution import PlanRunner, never
+from mindstage.imagination.execution import PlanRunner, never, stopping
+from mindstage.imagination.guesses import Guess
 from mindstage.imagination.plans import Plan
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.ranges import Workers, checked
@@ -41,6 +42,8 @@ class Job:
     """The state in which all samples begin."""
     plan: Plan
     seed: int = 0
+    fixed_guesses: tuple[Guess, ...] = ()
+    """Guesses that do not vary although the plan says so."""
 
 
 class Executor(Protocol):
@@ -86,11 +89,11 @@ class SampleRunner:
         """Prepares what all samples have in common."""
         self._image = job.image
         with job.image.restore() as first:
-            self._runner = PlanRunner(first, job.plan, seed=job.seed)
+            self._runner = PlanRunner(first, job.plan, seed=job.seed, fixed_guesses=job.fixed_guesses)
 
     def run(self, index: int, *, stop: Callable[[], bool] = never, **options: Any) -> SampleResult:
         """Runs one sample; see `PlanRunner.run`."""
-        with self._image.restore() as simulation:
+        with self._image.restore() as simulation, stopping(stop):
             return self._runner.run(simulation, index, stop=stop, **options)
 
 

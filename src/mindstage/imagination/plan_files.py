@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
@@ -148,9 +148,12 @@ class PlanBuilder:
         self._options: dict[str, Any] = {}
 
     @checked
-    def place(self, thing: str, *, on: str | None = None, into: str | None = None, **options: Deadline) -> Self:
+    def place(
+        self, thing: str | Sequence[str], *, on: str | None = None, into: str | None = None, **options: Deadline
+    ) -> Self:
         """Adds a `Place`; `options` is `deadline_s`, here and below."""
-        return self.add(Place(thing=thing, on=on, into=into, **options))
+        things = thing if isinstance(thing, str) else tuple(thing)
+        return self.add(Place(thing=things, on=on, into=into, **options))
 
     @checked
     def move(self, thing: str, *, to: PoseLike | None = None, by: Point | None = None, **options: Deadline) -> Self:
@@ -187,8 +190,8 @@ class PlanBuilder:
 
     @checked
     def wait(self, duration_s: PositiveDuration, **options: Deadline) -> Self:
-        """Adds a `Wait`, whose deadline is by default long enough."""
-        return self.add(Wait(duration_s=duration_s, **{"deadline_s": max(10.0, duration_s + 1.0), **options}))
+        """Adds a `Wait`."""
+        return self.add(Wait(duration_s=duration_s, **options))
 
     def attach(self, child: str, *, to: str) -> Self:
         """Adds an `Attach`."""

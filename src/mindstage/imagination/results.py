@@ -27,7 +27,11 @@ class EventKind(StrEnum):
     FELL = "fell"
     TIPPED = "tipped"
     COLLIDED = "collided"
-    """A thing that a step moves touched something that it did not touch before."""
+    """A thing that a step moves touched something that it did not touch before, or began inside of it."""
+    CORRECTED = "corrected"
+    """A thing that began inside of something was pushed out of it by the physics: it is not where it was set."""
+    MOVED = "moved"
+    """A thing was pushed away by one that began inside of it."""
     JAMMED = "jammed"
     """A door, drawer or pulled thing did not arrive."""
     LEFT = "left"
@@ -60,7 +64,8 @@ class ImaginedEvent(msgspec.Struct, frozen=True, kw_only=True):
     step: int | None = None
     """Index of the step during which it happened; None after the last one."""
     amount: float | None = None
-    """How far it fell [m], tipped [rad], or how open an articulated part was (0 to 1)."""
+    """How far it fell or was pushed [m], how deep it began in another one [m], by how much it tipped [rad], or how open
+    an articulated part was (0 to 1)."""
 
 
 class SampleResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -79,6 +84,8 @@ class SampleResult(msgspec.Struct, frozen=True, kw_only=True):
     """Poses at the end of the bodies that the plan names, that are uncertain, or that moved by more than 1 cm."""
     is_interrupted: bool = False
     """Whether it was ended by the deadline or by who asked for it."""
+    began_in_collision: bool = False
+    """Whether a thing was inside of another one at the start, or where a step has set it."""
     answers: tuple[dict[str, object], ...] = ()
     """The answers to the plan's check, as rows."""
     skills: tuple[SkillResult, ...] = ()

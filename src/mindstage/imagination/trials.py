@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -20,12 +20,13 @@ from msgspec import Meta
 
 from mindstage.engines import make_engine
 from mindstage.errors import AmbiguousNameError, InvalidArgumentError, NameNotFoundError
-from mindstage.imagination.execution import PlanRunner, is_uncertain
+from mindstage.imagination.confidence import confidence_sequence, wilson_interval
+from mindstage.imagination.execution import PlanRunner, is_stopped, is_uncertain, named_bodies
+from mindstage.imagination.guesses import Guesses
 from mindstage.imagination.plan_files import PlanFile, load_plan
-from mindstage.imagination.plans import Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
+from mindstage.imagination.plans import GUESSES, Close, Open, Place, Plan, PlanStep, Uncertainty, Wait
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
-from mindstage.imagination.verdicts import wilson_interval
 from mindstage.knowledge.names import EntityType
 from mindstage.knowledge.queries.proximity import missing_about, missing_bodies
 from mindstage.knowledge.questions import MAP_SOURCE, MissingKnowledge, QuestionContext, StateAccess, WorldState
@@ -230,9 +231,9 @@ class Trials:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of the probability (Wilson 1927), which unknown samples widen.
+        """The 95 % interval of the probability, which unknown samples widen: Wilson's if all samples were run.
 
-        Without uncertainty, each sample is the same.
+        If the time ended them, it is `confidence_sequence`. Without uncertainty, each sample is the same.
         """
         unknown = len(self.trials) - self.tried
         if not self.tried:
@@ -240,8 +241,9 @@ class Trials:
         holds = sum(trial.holds is True for trial in self.trials)
         if not self.is_uncertain and not unknown:
             return (holds / self.tried,) * 2
-        low, _ = wilson_interval(holds, len(self.trials))
-        _, high = wilson_interval(holds + unknown, len(self.trials))
+        interval = confidence_sequence if self.left_out else wilson_interval
+        low, _ = interval(holds, len(self.trials))
+        _, high = interval(holds + unknown, len(self.trials))
         return round(low, 6), round(high, 6)
 
     @property
@@ -263,7 +265,7 @@ class Trials:
         if self.left_out:
             parts.append(f"{counted(self.left_out, 'sample')} not tried within {_BUDGET_S:g} s")
         if not self.is_uncertain:
-            parts.append("nothing is uncertain, so one sample was tried")
+            parts.append("no uncertainty is stated, so one sample was tried")
         parts += self.notes
         return "; ".join(parts)
 
@@ -290,16 +292,21 @@ def run_trials(
     """
     with scene.image.restore() as start:
         stated = stated_uncertainty(start)
+        guesses, named = Guesses.of(start), named_bodies(plan, start)
         plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
         runner = PlanRunner(start, plan, seed=seed or 0)
     uncertain = is_uncertain(plan)
     count = (samples or DEFAULT_SAMPLES) if uncertain else 1
     deadline = time.monotonic() + _BUDGET_S
+
+    def is_over() -> bool:
+        return time.monotonic() > deadline or is_stopped()
+
     found: dict[BodyId, list[Trial]] = {}
     done = 0
     for index in range(count):
         with scene.image.restore() as copy:
-            result = runner.run(copy, index, stop=lambda: time.monotonic() > deadline)
+            result = runner.run(copy, index, stop=is_over)
             trials = judge(copy, result)
             if result.outcome is Outcome.UNKNOWN:
                 why = result.cause.text if result.cause else "the sample did not end"
@@ -307,14 +314,15 @@ def run_trials(
             for id, trial in trials.items():
                 found.setdefault(id, []).append(trial)
         done += 1
-        if time.monotonic() > deadline:
+        if is_over():
             break
-    notes = (*stated.notes, *scene.image.assumptions)
+    about = guesses.sentences(named | found.keys(), only_named=True)
+    notes = (*stated.notes, *scene.image.assumptions, *about)
     return {id: Trials(tuple(each), seed or 0, uncertain, count - done, notes) for id, each in found.items()}
 
 
-def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty, ...]:
-    """The uncertainty of a thing from words such as "position_m=0.01 mass=0.1".
+def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty | Literal["guesses"], ...]:
+    """The uncertainty of a thing from words such as "position_m=0.01 mass=0.1", and "guesses".
 
     Raises:
         InvalidArgumentError: a word is not a field of `Uncertainty` with a number.
@@ -323,17 +331,19 @@ def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty, ...]:
         return ()
     known = [name for name in Uncertainty.__struct_fields__ if name != "thing"]
     values: dict[str, object] = {"thing": thing}
-    for word in re.split(r"[\s,]+", text.strip()):
+    words = re.split(r"[\s,]+", text.strip())
+    guesses = (GUESSES,) if GUESSES in words else ()
+    for word in [each for each in words if each != GUESSES]:
         name, _, value = word.partition("=")
         try:
             values[name] = float(value)
         except ValueError:
             name = ""
         if name not in known:
-            remedy = f"as in position_m=0.01 mass=0.1; there is {', '.join(known)}"
+            remedy = f"as in position_m=0.01 mass=0.1; there is {', '.join(known)}, and guesses"
             raise InvalidArgumentError("uncertainty", cause=f"{word!r} is no standard deviation", remedy=remedy)
     try:
-        return (msgspec.convert(values, Uncertainty),)
+        return (*guesses, *([msgspec.convert(values, Uncertainty)] if len(values) > 1 else []))
     except msgspec.ValidationError as error:
         raise InvalidArgumentError("uncertainty", cause=str(error), remedy="give numbers of at least 0") from error
 
@@ -441,8 +451,8 @@ def parse_edit(kb: QuestionContext, scene: ImaginedScene, text: str, *, wait_s: 
         steps = tuple(step for clause in clauses for step in _worded_steps(kb, scene, clause))
     if not steps:
         raise InvalidArgumentError("edit", cause="it has no step", remedy="as in 'open the fridge then wait 2 s'")
-    waits = (Wait(duration_s=wait_s, deadline_s=wait_s + 10.0),) if wait_s > 0 else ()
-    deadline_s = max(plan.time_limit_s, sum(each.deadline_s for each in (*steps, *waits)))
+    waits = (Wait(duration_s=wait_s),) if wait_s > 0 else ()
+    deadline_s = None if plan.deadline_s is None else plan.deadline_s + sum(each.time_limit_s for each in waits)
     return msgspec.structs.replace(plan, steps=(*steps, *waits), forbid=(), check=None, deadline_s=deadline_s)
 
 
@@ -474,7 +484,9 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             joints = scene.joints_of_part(part)
             if not joints:
                 raise InvalidArgumentError("edit", cause=f"{local_name(part)} is no door or drawer, and has none")
-            fraction = min(1.0, float(words.get("percent") or 100.0) / 100.0)
+            fraction = _number(words.get("percent") or "100", "percentage") / 100.0
+            if fraction > 1.0:
+                raise InvalidArgumentError("edit", cause=f"{words['percent']} % is too much", remedy="up to 100 %")
             for joint in joints:
                 yield Open(thing=joint.id, fraction=fraction) if kind == "open" else Close(thing=joint.id)
         case "place":
@@ -483,8 +495,7 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             into = words["how"].lower().startswith("in")
             yield Place(thing=thing, into=holder) if into else Place(thing=thing, on=holder)
         case "wait":
-            duration_s = _number(words["duration"])
-            yield Wait(duration_s=duration_s, deadline_s=duration_s + 10.0)
+            yield Wait(duration_s=_number(words["duration"], "duration"))
         case "attach":
             parent, child = (_body_id(scene, _find(kb, scene, words[name])) for name in ("parent", "child"))
             yield Attach(parent=parent, child=child)
@@ -492,13 +503,13 @@ def _worded_steps(kb: QuestionContext, scene: ImaginedScene, clause: str) -> Ite
             yield Detach(child=_body_id(scene, _find(kb, scene, words["child"])))
 
 
-def _number(text: str) -> float:
+def _number(text: str, what: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = 0.0
     if not value > 0.0:
-        raise InvalidArgumentError("edit", cause=f"{text!r} is no duration", remedy="as in 'wait 2 s'")
+        raise InvalidArgumentError("edit", cause=f"{text!r} is no {what}", remedy="give a number")
     return value
 
 

@@ -15,9 +15,10 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from math import sqrt
-from typing import Any
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import partial
+from typing import Any, Literal
 
 import msgspec
 import numpy as np
@@ -25,10 +26,17 @@ import numpy as np
 from mindstage.access.limits import Samples, Timeout
 from mindstage.engines.base import PoseArray
 from mindstage.errors import ImaginationError, PlanError
-from mindstage.imagination.execution import is_uncertain, never, validate_plan
+from mindstage.imagination.confidence import (
+    MAX_ESTIMATE,
+    confidence_sequence,
+    samples_to_decide,
+    wilson_interval,
+)
+from mindstage.imagination.execution import is_uncertain, named_bodies, never, validate_plan
 from mindstage.imagination.executors import Executor, InProcessExecutor, Job, SampleRunner, WorkerPoolExecutor
+from mindstage.imagination.guesses import Guess, Guesses
 from mindstage.imagination.plan_files import PlanLike, load_plan
-from mindstage.imagination.plans import Check, Plan, Uncertainty
+from mindstage.imagination.plans import GUESSES, Check, Plan, Uncertainty
 from mindstage.imagination.results import EventKind, ImaginedEvent, Outcome, SampleResult
 from mindstage.imagination.stated_uncertainty import stated_uncertainty
 from mindstage.ranges import Fraction, Index, Seed, Workers, checked
@@ -37,31 +45,24 @@ from mindstage.scene.display import counted, html_table
 from mindstage.simulation import Simulation
 from mindstage.simulation.image import SimulationImage
 
-__all__ = ["CauseCount", "Progress", "Replay", "ReplayFrame", "Verdict", "evaluate_plan", "wilson_interval"]
+__all__ = ["CauseCount", "IntervalKind", "Progress", "Replay", "ReplayFrame", "Verdict", "evaluate_plan"]
 
-_Z = 1.959963984540054
-"""Two-sided 95 % quantile of the normal distribution."""
 _BATCH = 10
 """The interval is looked at after each such number of samples, in their order, however many workers there are."""
+_CORRECTIONS = (EventKind.CORRECTED, EventKind.MOVED)
 _MAX_KEPT = 1000
 """Number of samples whose results are kept; the counts are of all."""
 
 
-@checked
-def wilson_interval(successes: Index, samples: Index) -> tuple[float, float]:
-    """The 95 % confidence interval of a probability after Wilson (1927), the score interval without correction.
+class IntervalKind(StrEnum):
+    """How the interval of a verdict was computed."""
 
-    Args:
-        successes: number of samples that succeeded.
-        samples: number of all samples; without any, the interval is 0 to 1.
-    """
-    if samples == 0:
-        return 0.0, 1.0
-    p, square = successes / samples, _Z * _Z
-    middle = (p + square / (2 * samples)) / (1 + square / samples)
-    half = _Z * sqrt(p * (1 - p) / samples + square / (4 * samples * samples)) / (1 + square / samples)
-    low = 0.0 if successes == 0 else max(0.0, middle - half)
-    return low, 1.0 if successes == samples else min(1.0, middle + half)
+    ALWAYS_VALID = "always valid"
+    """`confidence_sequence`: it holds whenever a trial ends."""
+    WILSON = "Wilson"
+    """`wilson_interval`, of a number of samples that was fixed, all of which were run."""
+    CERTAIN = "certain"
+    """Nothing is uncertain: both bounds are the outcome of the only sample, or 0 and 1 if that is unknown."""
 
 
 class CauseCount(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,7 +84,7 @@ class Progress(msgspec.Struct, frozen=True, kw_only=True):
     succeeded: int
     failed: int
     interval: tuple[float, float]
-    """The interval of the probability so far."""
+    """The always-valid interval of the probability so far."""
 
 
 class ReplayFrame(msgspec.Struct, frozen=True, eq=False):
@@ -123,22 +124,31 @@ class Verdict:
     probability: float | None
     """Part of the samples with a known outcome that succeeded; None without any."""
     interval: tuple[float, float]
-    """95 % interval of the probability after Wilson; a sample that is unknown counts as failed for the lower bound, and
-    as succeeded for the upper one. Both are equal for a plan without uncertainty."""
+    """95 % interval of the probability; a sample that is unknown counts as failed for the lower bound, and as succeeded
+    for the upper one. Both are equal for a plan without uncertainty."""
+    interval_kind: IntervalKind
+    """How it was computed."""
     samples: int
     """Number of samples that were begun."""
     succeeded: int
     failed: int
     unknown: int
+    began_in_collision: int
+    """Number of samples in which a thing was inside of another one at the start, or where a step has set it."""
     seed: int
     threshold: float
     """The required probability."""
     stopped: str
     """Why there are no more samples, in words."""
+    more_samples: int | None
+    """About how many more samples would decide an unknown verdict, if they went on as before; 0 if it is decided, None
+    if more than ten million, or if no number would."""
     first_failure: SampleResult | None
     """The sample with the lowest index that failed."""
     causes: tuple[CauseCount, ...]
     """Why samples did not succeed, the most frequent cause first."""
+    sensitivity: str
+    """Which guess matters most, in words; empty unless guesses vary."""
     assumptions: tuple[str, ...]
     """What the verdict rests on, one sentence each."""
     plan: Plan
@@ -151,17 +161,38 @@ class Verdict:
 
     def __str__(self) -> str:
         if self.probability is None:
-            return f"{self.outcome}: no sample has a known outcome ({self.stopped})"
+            return f"{self.outcome}: no sample has a known outcome ({self.stopped}{self._why_unknown})"
         low, high = self.interval
         known = self.succeeded + self.failed
         parts = [f"{self.succeeded:,} of {known:,} samples succeeded"]
         if is_uncertain(self.plan):
-            parts = [f"{parts[0]} ({self.probability:.2f}, 95 % interval {low:.2f} to {high:.2f})"]
+            kind = " after Wilson" if self.interval_kind is IntervalKind.WILSON else ""
+            parts = [f"{parts[0]} ({self.probability:.2f}, 95 % interval{kind} {low:.2f} to {high:.2f})"]
+        if self.began_in_collision:
+            share = f"{self.began_in_collision / self.samples:.0%} began in collision"
+            corrections = (event for each in self.results for event in each.events if event.kind in _CORRECTIONS)
+            first = next(corrections, None)
+            parts.append(share if first is None else f"{share}, such as: {first.text}")
         if self.unknown:
-            parts.append(f"{self.unknown:,} {'is' if self.unknown == 1 else 'are'} unknown")
+            parts.append(f"{self.unknown:,} {'is' if self.unknown == 1 else 'are'} unknown{self._why_unknown}")
+        if self.outcome is Outcome.UNKNOWN:
+            parts.append(f"it ended since {self.stopped}")
+            if is_uncertain(self.plan):
+                more = (
+                    f"not even {MAX_ESTIMATE:,}" if self.more_samples is None else f"about {self.more_samples:,} more"
+                )
+                parts.append(f"{more} samples would decide whether it is at least {self.threshold:g}")
         if self.first_failure is not None and self.first_failure.cause is not None:
             parts.append(f"sample {self.first_failure.index}: {self.first_failure.cause.text}")
+        if self.sensitivity:
+            parts.append(self.sensitivity)
         return f"{self.outcome}: {'; '.join(parts)}"
+
+    @property
+    def _why_unknown(self) -> str:
+        """The cause of the first sample that is unknown, after a colon; empty without one."""
+        causes = (each.cause for each in self.results if each.outcome is Outcome.UNKNOWN)
+        return next((f": {cause.text}" for cause in causes if cause is not None), "")
 
     def end_poses(self, body: str) -> PoseArray:
         """The poses of a body at the end of the kept samples in which it is reported, k x 7.
@@ -203,16 +234,20 @@ class Verdict:
             "outcome": self.outcome.value,
             "probability": self.probability,
             "interval": list(self.interval),
+            "interval_kind": self.interval_kind.value,
             "samples": self.samples,
             "succeeded": self.succeeded,
             "failed": self.failed,
             "unknown": self.unknown,
+            "began_in_collision": self.began_in_collision,
             "seed": self.seed,
             "threshold": self.threshold,
             "stopped": self.stopped,
+            "more_samples": self.more_samples,
             "why": str(self),
             "first_failure": msgspec.to_builtins(self.first_failure),
             "causes": [msgspec.to_builtins(each) for each in self.causes],
+            "sensitivity": self.sensitivity,
             "assumptions": list(self.assumptions),
             "end_positions": {
                 id: {"count": len(each), "mean": each.mean(axis=0).tolist(), "deviation": each.std(axis=0).tolist()}
@@ -237,12 +272,12 @@ def evaluate_plan(
     plan: PlanLike,
     *,
     check: Check | None = None,
-    uncertainty: Iterable[Uncertainty] = (),
+    uncertainty: Iterable[Uncertainty | Literal["guesses"]] | Literal["guesses"] = (),
     samples: Samples = 100,
     seed: Seed = 0,
     budget_s: Timeout = 60.0,
     threshold: Fraction = 0.9,
-    width: Fraction | None = 0.1,
+    fixed: bool = False,
     workers: Workers | str | Executor = 1,
     progress: Callable[[Progress], object] = lambda progress: None,
     cancel: Callable[[], bool] = never,
@@ -254,12 +289,14 @@ def evaluate_plan(
         plan: the plan, a dict, or the path or text of one in JSON or YAML; see `load_plan`.
         check: a question at the end, instead of the plan's.
         uncertainty: added to the plan's, before which comes that of the maps (`stated_uncertainty`); what is stated
-            later precedes.
+            later precedes. With "guesses", alone or among them, masses and frictions that no map states vary, and the
+            verdict says which of them matters, from at most as many further samples.
         samples: the largest number of samples; a plan without uncertainty has one, since all would be equal.
         seed: determines the random numbers.
         budget_s: limit of the wall time [s]; samples that have not ended by then are unknown.
-        threshold: the probability that the plan must have to succeed.
-        width: the trial ends early when the interval is as narrow; None to run all samples.
+        threshold: the probability that the plan must have to succeed. The trial ends as soon as the interval does not
+            contain it, which is wrong for at most 2.5 % of the seeds, however near the true probability is.
+        fixed: whether exactly `samples` are run; the interval is Wilson's then.
         workers: number of processes; "ray" or "ray://HOST:PORT" for a Ray cluster; "gpu" or "gpu:WORLDS" for
             MuJoCo Warp on a GPU, "gpu:cpu" without one; or an executor, which remains open.
         progress: called after each batch of samples.
@@ -273,23 +310,24 @@ def evaluate_plan(
     file = load_plan(plan)
     given = file.plan
     stated = stated_uncertainty(simulation)
-    plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.uncertainty, *uncertainty))
+    added = (uncertainty,) if isinstance(uncertainty, str) else tuple(uncertainty)
+    if unknown := [each for each in added if isinstance(each, str) and each != GUESSES]:
+        raise PlanError("uncertainty", cause=f"{unknown[0]!r} is neither an Uncertainty nor {GUESSES!r}")
+    plan = msgspec.structs.replace(given, check=check or given.check, uncertainty=(*given.stated, *added))
     validate_plan(msgspec.structs.replace(file, plan=plan), simulation)
-    plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.uncertainty))
+    plan = msgspec.structs.replace(plan, uncertainty=(*stated.uncertainty, *plan.stated))
+    guesses = Guesses.of(simulation)
+    guessed = guesses.sentences(named_bodies(plan, simulation))
     image = SimulationImage.capture(simulation)
     limit = samples if is_uncertain(plan) else 1
     executor, is_own = (workers, False) if not isinstance(workers, int | str) else (make_executor(workers, limit), True)
-    trial = _Trial(limit, width=width if is_uncertain(plan) else None)
+    job, sensitivity = Job(image, plan, seed), ""
+    trial = _Trial(limit, threshold=None if fixed or not is_uncertain(plan) else threshold)
     try:
-        results = executor.run(Job(image, plan, seed), range(limit), deadline_s=deadline_s, cancel=cancel)
-        for result in results:
-            if trial.add(result):
-                progress(trial.progress())
-            if trial.is_decided:
-                break
-        close = getattr(results, "close", None)
-        if close is not None:
-            close()
+        run = partial(executor.run, deadline_s=deadline_s, cancel=cancel)
+        trial.collect(run(job, range(limit)), progress)
+        if plan.guesses and trial.is_decided:
+            sensitivity = _sensitivity(job, guesses, trial.counted(), run)
     except PlanError as error:  # a step that this executor cannot run
         raise PlanError(file.place(error.place), cause=error.cause) from error
     finally:
@@ -304,8 +342,10 @@ def evaluate_plan(
         image,
         seed=seed,
         threshold=threshold,
+        is_fixed=fixed and trial.is_complete,
         stopped=stopped,
-        assumptions=(*stated.notes, *executor.notes),
+        sensitivity=sensitivity,
+        assumptions=(*stated.notes, *executor.notes, *guessed),
     )
 
 
@@ -335,8 +375,8 @@ def make_executor(workers: int | str, samples: int = 1) -> Executor:
 class _Trial:
     """Collects results, and decides after each batch whether more are needed."""
 
-    def __init__(self, limit: int, *, width: float | None) -> None:
-        self._limit, self._width = limit, width
+    def __init__(self, limit: int, *, threshold: float | None) -> None:
+        self._limit, self._threshold = limit, threshold
         self._results: dict[int, SampleResult] = {}
         self._prefix = 0
         self._counts: Counter[Outcome] = Counter()
@@ -345,6 +385,11 @@ class _Trial:
     @property
     def is_decided(self) -> bool:
         return bool(self.stopped)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all samples were run to their end, or to the loss of their worker."""
+        return self._prefix == self._limit and not self.has_interrupted_samples
 
     @property
     def has_interrupted_samples(self) -> bool:
@@ -362,10 +407,23 @@ class _Trial:
                 self.stopped = "all samples were run"
             if self._prefix % _BATCH == 0 or self.stopped:
                 is_complete = True
-                low, high = _interval(self._counts)
-                if not self.stopped and self._width is not None and high - low <= self._width:
-                    self.stopped = f"the interval is narrower than {self._width:g}"
+                if not self.stopped and self._threshold is not None:
+                    low, high = _interval(self._counts)
+                    if not low < self._threshold <= high:
+                        side = "at least" if low >= self._threshold else "below"
+                        self.stopped = f"the interval is {side} {self._threshold:g}"
         return is_complete
+
+    def collect(self, results: Iterator[SampleResult], progress: Callable[[Progress], object]) -> None:
+        """Adds results until it is decided, and ends the others."""
+        for result in results:
+            if self.add(result):
+                progress(self.progress())
+            if self.is_decided:
+                break
+        close = getattr(results, "close", None)
+        if close is not None:
+            close()
 
     def progress(self) -> Progress:
         return Progress(
@@ -382,10 +440,12 @@ class _Trial:
         return [self._results[index] for index in sorted(self._results) if index < last]
 
 
-def _interval(counts: Mapping[Outcome, int]) -> tuple[float, float]:
+def _interval(
+    counts: Mapping[Outcome, int], interval: Callable[[int, int], tuple[float, float]] = confidence_sequence
+) -> tuple[float, float]:
     succeeded, unknown = counts.get(Outcome.SUCCEEDED, 0), counts.get(Outcome.UNKNOWN, 0)
     total = succeeded + unknown + counts.get(Outcome.FAILED, 0)
-    return wilson_interval(succeeded, total)[0], wilson_interval(succeeded + unknown, total)[1]
+    return interval(succeeded, total)[0], interval(succeeded + unknown, total)[1]
 
 
 def _verdict(
@@ -395,7 +455,9 @@ def _verdict(
     *,
     seed: int,
     threshold: float,
+    is_fixed: bool,
     stopped: str,
+    sensitivity: str = "",
     assumptions: Iterable[str] = (),
 ) -> Verdict:
     counts = Counter(result.outcome for result in results)
@@ -403,10 +465,14 @@ def _verdict(
     known = succeeded + failed
     rests_on = [*image.notes, *image.assumptions, *assumptions]
     if is_uncertain(plan):
-        interval = _interval(counts)
+        kind = IntervalKind.WILSON if is_fixed else IntervalKind.ALWAYS_VALID
+        interval = _interval(counts, wilson_interval if is_fixed else confidence_sequence)
     else:
+        kind = IntervalKind.CERTAIN
         interval = (float(succeeded), float(succeeded)) if known else (0.0, 1.0)
-        rests_on.append("no uncertainty is stated: everything is exactly as in the world, and one sample suffices")
+        rests_on.append(
+            "no uncertainty is stated: guesses are taken as true, all else is as in the world, and one sample suffices"
+        )
     rests_on += _skill_assumptions(results)
     fast = Counter(event.thing for result in results for event in result.events if event.kind is EventKind.FAST)
     rests_on += [f"in {counted(n, 'sample')} {thing} may have passed through something" for thing, n in fast.items()]
@@ -415,28 +481,72 @@ def _verdict(
         outcome = Outcome.SUCCEEDED
     elif results and interval[1] < threshold:
         outcome = Outcome.FAILED
-    causes = Counter(_cause_key(result.cause) for result in results if result.cause is not None)
+    more: int | None = 0
+    if outcome is Outcome.UNKNOWN:
+        more = samples_to_decide(succeeded, len(results), threshold, unknown=counts[Outcome.UNKNOWN])
     return Verdict(
         outcome=outcome,
         probability=succeeded / known if known else None,
         interval=interval,
+        interval_kind=kind,
         samples=len(results),
         succeeded=succeeded,
         failed=failed,
         unknown=counts[Outcome.UNKNOWN],
+        began_in_collision=sum(result.began_in_collision for result in results),
         seed=seed,
         threshold=threshold,
         stopped=stopped,
+        more_samples=more,
         first_failure=next((each for each in results if each.outcome is Outcome.FAILED), None),
-        causes=tuple(
-            CauseCount(kind=kind, thing=thing, other=other, count=count)
-            for (kind, thing, other), count in sorted(causes.items(), key=lambda item: (-item[1], str(item[0])))
-        ),
+        causes=_counted_causes(results),
+        sensitivity=sensitivity,
         assumptions=tuple(rests_on),
         plan=plan,
         results=tuple(results[:_MAX_KEPT]),
         _image=image,
     )
+
+
+def _counted_causes(results: Iterable[SampleResult]) -> tuple[CauseCount, ...]:
+    causes = Counter(_cause_key(result.cause) for result in results if result.cause is not None)
+    return tuple(
+        CauseCount(kind=kind, thing=thing, other=other, count=count)
+        for (kind, thing, other), count in sorted(causes.items(), key=lambda item: (-item[1], str(item[0])))
+    )
+
+
+_CANDIDATES = 3
+"""Number of guesses that are examined, with together as many samples as there were."""
+
+
+def _sensitivity(
+    job: Job,
+    guesses: Guesses,
+    results: Sequence[SampleResult],
+    run: Callable[[Job, Iterable[int]], Iterator[SampleResult]],
+) -> str:
+    """Which guess matters most, in words.
+
+    Those whose random numbers correlate most with success are fixed one by one: of the same samples, with the same
+    random numbers of all else, some end otherwise.
+    """
+    outcomes = {each.index: each.outcome for each in results if each.outcome is not Outcome.UNKNOWN}
+    if len(set(outcomes.values())) < 2:
+        return f"no guess matters: all {counted(len(outcomes), 'sample')} ended alike" if outcomes else ""
+    succeeded = np.array([each is Outcome.SUCCEEDED for each in outcomes.values()], dtype=float)
+    numbers = np.array([list(guesses.numbers(job.seed, index).values()) for index in outcomes])
+    influence = np.abs((succeeded - succeeded.mean()) @ (numbers - numbers.mean(axis=0))) / numbers.std(axis=0)
+    candidates = [guesses.all()[column] for column in np.argsort(-influence, kind="stable")[:_CANDIDATES].tolist()]
+    indices = list(outcomes)[: max(1, len(outcomes) // len(candidates))]
+    changed: dict[Guess, tuple[int, int]] = {}
+    for guess in candidates:
+        again = [each for each in run(replace(job, fixed_guesses=(guess,)), indices) if not each.is_interrupted]
+        changed[guess] = sum(each.outcome is not outcomes[each.index] for each in again), len(again)
+    guess, (count, tried) = max(changed.items(), key=lambda item: item[1][0])
+    if not count:
+        return f"no single guess matters: fixing one changed none of {counted(tried, 'sample')}"
+    return f"{guess} matters most of what is guessed: without its spread, {count} of {tried} samples end otherwise"
 
 
 def _skill_assumptions(results: Sequence[SampleResult]) -> Iterator[str]:

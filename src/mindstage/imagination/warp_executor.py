@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from typing import Any, NamedTuple, cast
@@ -95,10 +95,11 @@ class WarpExecutor:
     def notes(self) -> tuple[str, ...]:
         """See `Executor`."""
         text = (
-            f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, and "
-            "no divided time steps for fast bodies"
+            f"samples were simulated by MuJoCo Warp on {self._where}, with numbers of single precision, no sleep, "
+            "no divided time steps for fast bodies, and no check whether a thing begins inside of another one"
         )
-        return (f"{text}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
+        apart = "bodies that began inside each other pass through each other also after they were apart"
+        return (f"{text}; {apart}; a replay is simulated by MuJoCo, and may end otherwise in a close case",)
 
     @property
     def _where(self) -> str:
@@ -297,10 +298,12 @@ class _BatchWorld:
         """Ends the pull on one body, or all pulls."""
         self.perturbations.release(id)
 
-    def place(self, item: str, *, on: str | None = None, into: str | None = None) -> PlacementResult:
-        """The pose at which a body that exists can be placed; the caller moves it there."""
+    def place(
+        self, item: list[str], *, on: str | None = None, into: str | None = None, room_for: Sequence[str] = ()
+    ) -> tuple[PlacementResult, ...]:
+        """The poses at which bodies that exist can be placed; the caller moves them there."""
         with self.simulation() as simulation:
-            return simulation.place(item, on=on, into=into)
+            return simulation.place(item, on=on, into=into, room_for=room_for)
 
     def ask(self, question: str, /, **args: Any) -> Iterable[Any]:
         """The answers to a question."""
@@ -502,6 +505,10 @@ class _Template:
     # -- what can be executed ------------------------------------------------------------------------------------------
 
     def _check(self, plan: Plan) -> None:
+        if plan.guesses:
+            raise PlanError(
+                "uncertainty", cause=f"guesses vary the frictions of all bodies, the model's own; {_OTHERS}"
+            )
         for number, step in enumerate(plan.steps):
             if reason := self._obstacle(step):
                 cause = f"{step.__struct_config__.tag}: {reason}, which all worlds of a batch on a GPU share; {_OTHERS}"
@@ -517,9 +524,10 @@ class _Template:
             case Attach() | Detach():
                 return "attachments are part of the model"
             case Place() | Move():
-                id = find_body(self.simulation, step.thing)
-                what = "a new body" if id is None else f"moving {id!r}"
-                return "" if id is not None and self._is_movable(id) else f"{what} changes the model"
+                for thing in step.things if isinstance(step, Place) else (step.thing,):
+                    id = find_body(self.simulation, thing)
+                    if id is None or not self._is_movable(id):
+                        return f"{'a new body' if id is None else f'moving {id!r}'} changes the model"
             case Open() | Close():
                 body = find_joint(self.simulation, step.thing).body
                 is_pulled = self.simulation.snapshot().body(body).physics.is_dynamic

@@ -3,8 +3,10 @@
 The poses of all bodies are compared with reference poses, those at the start of the sample or after a step has set
 them. One comparison costs a few operations on arrays, whatever the number of bodies.
 
-Thresholds: a body fell if it is `FALL_M` lower than its reference, and tipped if its vertical axis has turned by
-`TIP_RAD`. Bodies on joints, such as doors and drawers, do neither. A contact counts from `CONTACT_FORCE_N`.
+Thresholds: a body fell if it and its lowest point are `FALL_M` lower than in its reference pose, and tipped if its
+vertical axis has turned by `TIP_RAD`: what tips over where it stands does not fall. Bodies on joints, such as doors
+and drawers, do neither. A contact counts from `CONTACT_FORCE_N`, and a thing begins inside of another one from
+`OVERLAP_M`.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.engines.base import Capability, Contact, PoseArray, SpawnNote, SpawnNoteKind
+from mindstage.engines.base import Capability, Contact, Engine, PoseArray, SpawnNote, SpawnNoteKind
 from mindstage.engines.environment_bounds import EnvironmentBounds
 from mindstage.imagination.results import EventKind, ImaginedEvent
 from mindstage.scene import BodyId, Mobility, World
@@ -30,14 +32,32 @@ from mindstage.simulation import Simulation
 from mindstage.simulation.placement import enclosing_body_ids
 from mindstage.simulation.state import WorldSession
 
-__all__ = ["CONTACT_FORCE_N", "FALL_M", "MOVED_M", "TIP_RAD", "EventWatch", "WatchBasis"]
+__all__ = [
+    "CONTACT_FORCE_N",
+    "FALL_M",
+    "MAX_CORRECTION_M",
+    "MOVED_M",
+    "OVERLAP_M",
+    "TIP_RAD",
+    "EventWatch",
+    "Overlap",
+    "WatchBasis",
+]
 
 FALL_M = 0.05
-"""A body that is lower than its reference pose by this height fell [m]."""
+"""A body that is lower than its reference pose by this height, with its lowest point, fell [m]."""
 TIP_RAD = pi / 4
 """A body whose vertical axis has turned by this angle tipped over [rad]."""
 CONTACT_FORCE_N = 0.5
 """A lighter contact is no collision [N]."""
+OVERLAP_M = 2e-3
+"""A body that is set so deep into another one does not just touch it [m]."""
+MAX_CORRECTION_M = 0.02
+"""A pose that is given so deep in another body is not one that is meant [m]."""
+_TIME_STEP_S = 0.002
+"""Time in which contacts are computed that hardly changes a pose [s]."""
+_STILL_M = 4e-4
+"""A body that has moved by less since the last look is at rest [m]."""
 _TIP_COSINE = cos(TIP_RAD)
 _SUPPORTS = (SpatialRelation.ON, SpatialRelation.INSIDE)
 MOVED_M = 0.01
@@ -53,6 +73,30 @@ class _Layout(NamedTuple):
     """Rows of the bodies that can fall: the roots of dynamic groups that no joint holds."""
     group: NDArray[np.intp]
     """The row of the root of each body's rigid group."""
+    half_sizes: Array
+    """Of each body's box, n x 3 [m]; 0 without one."""
+
+
+class Overlap(NamedTuple):
+    """A thing that was set inside of another one."""
+
+    thing: BodyId
+    other: BodyId | None
+    """None for the ground."""
+    depth_m: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.thing} is {self.depth_m:.3f} m inside of {self.other or 'the ground'}"
+
+
+class _Correction(NamedTuple):
+    """A pair that began inside one another, until both are at rest again."""
+
+    overlap: Overlap
+    start: dict[BodyId, Array]
+    """The positions with which they began [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +134,7 @@ class EventWatch:
         self._world, self._layout, self._bounds = basis.world, basis.layout, basis.bounds
         self._enclosing, self._robots = basis.enclosing, basis.robots
         self._reports_contacts = Capability.CONTACTS in simulation.engine.capabilities
+        self._predicts_contacts = self._reports_contacts and Capability.FORK in simulation.engine.capabilities
         self._first_ids, self._first = basis.layout, basis.poses
         self._reference = basis.poses.copy()
         self._body_ups = _body_ups(self._reference[self._layout.free_rows])
@@ -97,9 +142,13 @@ class EventWatch:
         self._touching: frozenset[tuple[BodyId, BodyId | None]] = frozenset()
         self._mover: frozenset[BodyId] = frozenset()
         self._is_baseline_due = False
+        self._corrections: list[_Correction] = []
+        self._previous: PoseArray | None = None
         self._known_notes = len(self._notes())
         self.events: list[ImaginedEvent] = []
         """All events so far, in the order of time."""
+        self.began_in_collision = False
+        """Whether a thing was set inside of another one."""
         self.step: int | None = None
         """Index of the step that is executed."""
         self.carried: Callable[[], Iterable[BodyId]] = tuple
@@ -120,11 +169,10 @@ class EventWatch:
         layout = self._layout
         rows = layout.free_rows
         poses = state.poses[rows]
-        drop = self._reference[rows, 2] - poses[:, 2]
+        drop, cosines = self._motion_of(poses)
         fallen = np.flatnonzero(~(drop < FALL_M))  # a height that is no number counts, too
         for row in fallen.tolist():
             self._add_fall(layout.ids[rows[row]], float(drop[row]))
-        cosines = _upright_cosines(self._body_ups, poses[:, 3:])
         for row in np.flatnonzero(cosines < _TIP_COSINE).tolist():
             id, angle = layout.ids[rows[row]], acos(float(np.clip(cosines[row], -1.0, 1.0)))
             self._add(EventKind.TIPPED, id, f"{id} tipped over, by {np.degrees(angle):.0f} degrees", amount=angle)
@@ -133,6 +181,7 @@ class EventWatch:
                 self._add(EventKind.LEFT, layout.ids[rows[row]], f"{layout.ids[rows[row]]} left the place")
         if self._mover:
             self._detect_collisions()
+        self._follow_corrections(state.poses)
         for note in self._notes()[self._known_notes :]:
             self._known_notes += 1
             if note.kind is SpawnNoteKind.FAST:
@@ -159,6 +208,35 @@ class EventWatch:
     def end_motion(self) -> None:
         """Ends `begin_motion`."""
         self._mover = frozenset()
+
+    def overlaps(self, ids: Iterable[BodyId]) -> list[Overlap]:
+        """What these bodies, and what is attached to them, are inside of by more than `OVERLAP_M`, the deepest first.
+
+        Poses were just set: contacts are those of the next time step, in a copy. Without copies nothing is found.
+        """
+        if not self._predicts_contacts:
+            return []
+        groups = [(id, self.group_of(id)) for id in ids]
+        contacts: tuple[Contact, ...] = self._simulation.engine.run(_next_contacts) if groups else ()
+        found: dict[frozenset[BodyId | None], Overlap] = {}
+        for each in contacts:
+            if each.depth_m <= OVERLAP_M or (each.b is not None and each.b in self.group_of(each.a)):
+                continue
+            for id, group in groups:
+                if each.a in group or each.b in group:
+                    other = each.b if each.a in group else each.a
+                    found.setdefault(frozenset({id, other}), Overlap(id, other, each.depth_m))
+        return sorted(found.values(), key=lambda each: -each.depth_m)
+
+    def begin_overlaps(self, ids: Iterable[BodyId]) -> None:
+        """Reports what these bodies are inside of, and from now on where the physics moves both."""
+        self._end_corrections()
+        poses, row_of = self._simulation.state.poses, self._layout.row_of
+        for overlap in self.overlaps(ids):
+            self.began_in_collision = True
+            self._add_event(EventKind.COLLIDED, overlap.thing, overlap.text, overlap.other, overlap.depth_m)
+            ends = {id: poses[row_of[id], :3].copy() for id in (overlap.thing, overlap.other) if id is not None}
+            self._corrections.append(_Correction(overlap, ends))
 
     def set_reference(self, ids: Iterable[BodyId]) -> None:
         """Takes the current poses of bodies as their reference, since they were set, with all that moves with them."""
@@ -212,11 +290,15 @@ class EventWatch:
 
     def finish(self) -> None:
         """Gives the events of falls the whole height, which is not known before the end."""
-        state, row_of = self._simulation.state, self._layout.row_of
+        self._end_corrections()
+        state, rows = self._simulation.state, self._layout.free_rows
+        if state.ids != self._layout.ids:
+            return
+        drops = dict(zip(rows.tolist(), self._motion_of(state.poses[rows])[0].tolist(), strict=True))
         for number, event in enumerate(self.events):
-            row = row_of.get(event.thing) if event.thing is not None else None
-            if event.kind is EventKind.FELL and row is not None and state.ids == self._layout.ids:
-                drop_m = max(float(self._reference[row, 2] - state.poses[row, 2]), event.amount or 0.0)
+            row = self._layout.row_of.get(event.thing) if event.thing is not None else None
+            if event.kind is EventKind.FELL and row in drops:
+                drop_m = max(drops[row], event.amount or 0.0)
                 text = _fall_text(event.thing, drop_m, event.other)
                 self.events[number] = replace(event, text=text, amount=drop_m)
 
@@ -225,6 +307,45 @@ class EventWatch:
         self.events.append(event)
 
     # -- details -----------------------------------------------------------------------------------------------------
+
+    def _motion_of(self, poses: PoseArray) -> tuple[Array, Array]:
+        """How far each free body, and its lowest point, is below its reference [m], and the cosine of its tilt."""
+        rows, ups = self._layout.free_rows, _body_ups(poses)
+        half_sizes = self._layout.half_sizes[rows]
+        drops = self._reference[rows, 2] - poses[:, 2]
+        lowered = ((np.abs(ups) - np.abs(self._body_ups)) * half_sizes).sum(axis=1)
+        return np.minimum(drops, drops + lowered), np.asarray((ups * self._body_ups).sum(axis=1))
+
+    def _follow_corrections(self, poses: PoseArray) -> None:
+        """Reports what was pushed out of one another, as soon as it is at rest."""
+        before, self._previous = self._previous, poses if self._corrections else None
+        if self._corrections and before is not None and before.shape == poses.shape:
+            rows = [self._layout.row_of[id] for each in self._corrections for id in each.start]
+            if not np.any(np.abs(poses[rows, :3] - before[rows, :3]) > _STILL_M):
+                self._end_corrections()
+
+    def _end_corrections(self) -> None:
+        state = self._simulation.state
+        row_of = {id: row for row, id in enumerate(state.ids)} if self._corrections else {}
+        corrections, self._corrections = self._corrections, []
+        for overlap, start in corrections:
+            for id, position in start.items():
+                way_m = float(np.linalg.norm(state.poses[row_of[id], :3] - position)) if id in row_of else 0.0
+                if not way_m > OVERLAP_M / 2:
+                    continue
+                if id == overlap.thing:
+                    inside = f"it was inside of {overlap.other or 'the ground'}"
+                    text = f"{id} is {way_m:.3f} m from where it was set: {inside}"
+                    self._add_event(EventKind.CORRECTED, id, text, overlap.other, way_m)
+                else:
+                    text = f"{id} was moved by {way_m:.3f} m: {overlap.thing} was set inside of it"
+                    self._add_event(EventKind.MOVED, id, text, overlap.thing, way_m)
+
+    def _add_event(self, kind: EventKind, thing: BodyId, text: str, other: BodyId | None, amount: float | None) -> None:
+        event = ImaginedEvent(
+            kind=kind, text=text, time_s=self.time_s, thing=thing, other=other, step=self.step, amount=amount
+        )
+        self.events.append(event)
 
     def _follow_bodies(self, poses: PoseArray) -> None:
         """Keeps the references of bodies that still exist; a new body begins with its current pose."""
@@ -306,22 +427,23 @@ class EventWatch:
                 continue
             self._touching |= {(a, b)}
             text = f"{thing} collided with {other or 'the ground'}, with {force_n:.1f} N"
-            self.events.append(
-                ImaginedEvent(
-                    kind=EventKind.COLLIDED, text=text, time_s=self.time_s, thing=thing, other=other, step=self.step
-                )
-            )
+            self._add_event(EventKind.COLLIDED, thing, text, other, None)
 
     def _add(
         self, kind: EventKind, thing: BodyId, text: str, *, other: BodyId | None = None, amount: float | None = None
     ) -> None:
         if (kind, thing) not in self._reported:
             self._reported.add((kind, thing))
-            self.events.append(
-                ImaginedEvent(
-                    kind=kind, text=text, time_s=self.time_s, thing=thing, other=other, step=self.step, amount=amount
-                )
-            )
+            self._add_event(kind, thing, text, other, amount)
+
+
+def _next_contacts(engine: Engine) -> tuple[Contact, ...]:
+    copy = engine.fork()
+    try:
+        copy.step(_TIME_STEP_S)
+        return copy.contacts()
+    finally:
+        copy.close()
 
 
 def _fall_text(id: BodyId | None, drop_m: float, source: BodyId | None) -> str:
@@ -334,14 +456,6 @@ def _body_ups(poses: Array) -> Array:
     return np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
 
 
-def _upright_cosines(ups: Array, quaternions: Array) -> Array:
-    """The cosine of the angle between the vertical and a direction of each body that was vertical, n."""
-    w, x, y, z = quaternions.T
-    return np.asarray(
-        2 * (x * z - w * y) * ups[:, 0] + 2 * (y * z + w * x) * ups[:, 1] + (1 - 2 * (x * x + y * y)) * ups[:, 2]
-    )
-
-
 def _lay_out(world: World, ids: tuple[BodyId, ...], robots: Container[BodyId]) -> _Layout:
     bodies = {body.id: row for row, body in enumerate(world.bodies)}
     groups = RigidGroups.from_world(world)
@@ -352,4 +466,5 @@ def _lay_out(world: World, ids: tuple[BodyId, ...], robots: Container[BodyId]) -
     is_root = group == np.arange(len(rows))
     is_driven = np.array([id in robots for id in ids], dtype=bool)
     free_rows = np.flatnonzero(groups.is_dynamic[rows] & ~groups.is_jointed[rows] & is_root & ~is_driven)
-    return _Layout(ids, {id: row for row, id in enumerate(ids)}, free_rows, group)
+    half_sizes = np.array([world.bodies[row].size or (0.0, 0.0, 0.0) for row in rows], dtype=float).reshape(-1, 3) / 2
+    return _Layout(ids, {id: row for row, id in enumerate(ids)}, free_rows, group, half_sizes)

@@ -1,7 +1,7 @@
 """Findings about a world that can be simulated as it is, but that its map cannot mean.
 
-A joint far from what it moves, a hinge that opens inwards, a door that slides by its thickness, moving parts at one
-pose or inside of fixed bodies, a class that no ontology has. Nothing is changed.
+A joint far from what it moves, a hinge that opens inwards, a door that slides by its thickness or opens to both sides,
+moving parts at one pose or inside of fixed bodies, a class that no ontology has. Nothing is changed.
 """
 
 from __future__ import annotations
@@ -23,8 +23,11 @@ from mindstage.scene.joint_kinematics import (
     RigidGroups,
     axis_ranges,
     first_movable_axis,
+    handles_by_body,
+    is_moving_part_class,
     is_robot_part,
     moving_body,
+    outward_joints,
 )
 from mindstage.scene.transforms import normalized_pose_array, pose_array, quat_rotate
 
@@ -33,6 +36,8 @@ __all__ = ["report_implausible"]
 _MAX_HINGE_DISTANCE_M = 1.0
 _MIN_SLIDE_M = 0.1
 """Doors that slide at all slide farther than this."""
+_TWO_WAY = 0.9
+"""Largest offset of a range from the closed position, relative to its half, with which it opens to both sides."""
 _INWARD_M = 0.05
 """How far the middle of a door moves into what holds it, until it is half open, to be reported [m]."""
 _OVERLAP_M = 0.05
@@ -65,6 +70,7 @@ def report_implausible(world: World, source_map: SourceMap, classes: Callable[[]
             if not is_robot_part(moved):
                 moving[moved.id] = moved
                 _report_joint(joint, moved, holder, report)
+    _report_two_way(world, bodies, report)
     _report_same_poses(world, moving, report)
     _report_overlaps(world, moving, report)
     _report_unknown_classes(world, source_map, classes)
@@ -101,6 +107,22 @@ def _report_joint(joint: Joint, moved: Body, holder: Body, report: FindingSink) 
     if after > max(before, 0.0) + _INWARD_M:
         problem = f"it opens {moved.id} inwards: half open, its middle is {after:.2f} m inside of {holder.id}"
         report(Severity.WARNING, joint.iri, HAS_ANGULAR, problem, action)
+
+
+def _report_two_way(world: World, bodies: Mapping[BodyId, Body], report: FindingSink) -> None:
+    """Reports doors and drawers that open to both sides, and whose front nothing shows."""
+    parents = {each.child: each.parent for each in world.attachments}
+    limited = outward_joints(world.joints, bodies, handles_by_body(bodies, parents))
+    for joint in world.joints:
+        number = first_movable_axis(joint)
+        if number is None or joint.id in limited or not {joint.parent, joint.child} <= bodies.keys():
+            continue
+        moved, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
+        motion, limit, middle = axis_ranges(joint)[number]
+        if motion is AxisMotion.LIMITED and abs(middle) < _TWO_WAY * limit and is_moving_part_class(moved.cls):
+            problem = f"it lets {moved.id} open to both sides, and nothing shows where its front is"
+            action = f"it moves {limit:.3g} {'m' if number < 3 else 'rad'} either way in {holder.id}"
+            report(Severity.WARNING, joint.iri, HAS_LINEAR if number < 3 else HAS_ANGULAR, problem, action)
 
 
 def _report_same_poses(world: World, moving: Mapping[BodyId, Body], report: FindingSink) -> None:
@@ -151,11 +173,13 @@ def _report_unknown_classes(world: World, source_map: SourceMap, declared: Calla
     ]
     known = set(declared()) if unknown else set()
     unknown = [cls for cls in unknown if cls not in known]
-    by_key = {local_name(cls).lower(): local_name(cls) for cls in sorted(known)}
+    by_key = {local_name(cls).lower(): cls for cls in sorted(known)}
     for cls in unknown[:_MAX_COMPARED]:
-        keys = get_close_matches(local_name(cls).lower(), list(by_key), n=3, cutoff=_MIN_SIMILARITY)
-        if near := [by_key[key] for key in keys]:
-            problem = f"no loaded ontology has the class {local_name(cls)!r}; near: {', '.join(map(repr, near))}"
+        name = local_name(cls)
+        keys = get_close_matches(name.lower(), list(by_key), n=3, cutoff=_MIN_SIMILARITY)
+        if found := [by_key[key] for key in keys]:  # one of the same name in another namespace is named in full
+            near = ", ".join(each if local_name(each) == name else repr(local_name(each)) for each in found)
+            problem = f"no loaded ontology has the class {name!r}; near: {near}"
             source_map.report(Severity.WARNING, cls, TYPE, problem, "its shape follows from its name, else it is a box")
 
 

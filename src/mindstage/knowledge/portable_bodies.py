@@ -18,7 +18,13 @@ from mindstage.maps.dialects.source_map import SourceMap
 from mindstage.maps.rdf_mapping.properties import MOBILITY
 from mindstage.rdf.graphs import Severity
 from mindstage.scene import Body, BodyId, Iri, Mobility, World
-from mindstage.scene.bounding_boxes import OrientedBoxes, footprints, overlapping_pairs, polygon_overlap_areas
+from mindstage.scene.bounding_boxes import (
+    OrientedBoxes,
+    contains,
+    footprints,
+    overlapping_pairs,
+    polygon_overlap_areas,
+)
 from mindstage.scene.display import counted
 from mindstage.scene.transforms import normalize, pose_array
 
@@ -26,6 +32,12 @@ __all__ = ["with_portable_bodies"]
 
 _MAX_GAP_M = 0.02
 """A body rests on another one if the distance from its lower side is at most this [m]."""
+_MAX_BOARD_M = 0.02
+"""Thickness of the bottom of a drawer or a basket, on which a body in it rests, besides the distance [m]."""
+_CASE_SHAPE = "case"
+"""The shape of furniture with shelves."""
+_MIN_INSIDE = 0.95
+"""Part of a body that is inside of a cupboard."""
 _MIN_COMMON_AREA_M2 = 1e-6
 """Bodies whose footprints have a smaller intersection are beside each other."""
 _MAX_NAMED = 5
@@ -57,8 +69,9 @@ def with_portable_bodies(world: World, source_map: SourceMap, rule_of: Callable[
     listed = ", ".join(names[:_MAX_NAMED]) + (" and others" if len(names) > _MAX_NAMED else "")
     evidence = f"people carry what is of the {counted(len(names), 'body')} {listed}, and each has something below it"
     source_map.record_assumption("mobility of portable bodies", "dynamic", evidence)
+    assumed = {"mobility": Mobility.DYNAMIC, "assumed": ("mobility",)}
     bodies = (
-        replace(each, physics=replace(each.physics, mobility=Mobility.DYNAMIC)) if each.id in supported else each
+        replace(each, physics=replace(each.physics, **assumed)) if each.id in supported else each
         for each in world.bodies
     )
     return replace(world, bodies=tuple(bodies))
@@ -70,9 +83,9 @@ def _is_portable(rule: ShapeRule) -> bool:
 
 
 def _supported(world: World, portable: list[Body], rule_of: Callable[[Iri], ShapeRule]) -> set[BodyId]:
-    """The ids of the bodies that stand on another one, or on the bottom of one that contains them.
+    """The ids of the bodies that stand on another one, on the bottom of one that contains them, or in a cupboard.
 
-    What is on a shelf inside of another body is not found, since a map has neither walls nor shelves; it stays static.
+    A map has no shelves: the geometry of a cupboard gets them where what is in it stands.
 
     Args:
         world: the world, whose bodies count as their boxes.
@@ -85,14 +98,17 @@ def _supported(world: World, portable: list[Body], rule_of: Callable[[Iri], Shap
     sizes = np.array([each.size or rule_of(each.cls).size or (0.0, 0.0, 0.0) for each in bodies], dtype=float)
     boxes = OrientedBoxes.from_poses(poses, sizes)
     (low, high), polygons, asked = boxes.bounds(), footprints(boxes), {each.id for each in portable}
+    is_case = np.array([rule_of(each.cls).shape_type == _CASE_SHAPE for each in bodies], dtype=bool)
     is_asked = np.array([each.id in asked for each in bodies], dtype=bool) & sizes.all(axis=1)
     any_body, found = np.ones(len(bodies), dtype=bool), set[BodyId]()
     for first, second in overlapping_pairs(boxes, is_asked, any_body, margin=(0.0, 0.0, _MAX_GAP_M)):
         upper, lower = np.concatenate([first, second]), np.concatenate([second, first])
         # The underside is at the top of another body, or at the underside of one that is as high, such as a basket.
         on_top = np.abs(low[upper, 2] - high[lower, 2]) <= _MAX_GAP_M
-        on_bottom = (low[upper, 2] >= low[lower, 2]) & (low[upper, 2] - low[lower, 2] <= _MAX_GAP_M)
+        height = low[upper, 2] - low[lower, 2]
+        on_bottom = (height >= 0.0) & (height <= _MAX_GAP_M + _MAX_BOARD_M)
         contained = on_bottom & (high[lower, 2] >= high[upper, 2])
+        contained |= is_case[lower] & contains(boxes, lower, upper, min_fraction=_MIN_INSIDE)
         near = is_asked[upper] & (on_top | contained)
         upper, lower = upper[near], lower[near]
         stands = polygon_overlap_areas(polygons, upper, lower) > _MIN_COMMON_AREA_M2

@@ -637,6 +637,10 @@ not_here([add_text/1, add_text/3, marker_text/2],
          "marker(text(Id, Text), Marker) shows a text, and marker_pose/2 places it").
 not_here([add_trajectory/4, add_trajectory/5, add_avg_trajectory/5],
          "the question trajectory/5 has the poses; the page shows the path of a selected body of an episode").
+not_here([show_marker/2, show_marker/3, show_markers/1], "marker(Term, Marker) adds a marker, which is shown at once").
+not_here([data_vis/2], "no charts are drawn; `--json` of `mindstage ask` gives tables to other programs").
+not_here([designator_publish/1, designator_publish/2, designator_publish_image/1],
+         "the page shows no designators; perform/2 takes one").
 not_here([camera_transform/1], "the page and `mindstage shot --from X,Y,Z --to X,Y,Z` have a camera").
 not_here([sem_map_inst/1], "everything_in_map/2 has the maps, and what is in them").
 not_here([connect_to_db/1, u_load_episodes/1, ep_inst/1],

@@ -9,7 +9,7 @@ import msgspec
 
 from mindstage.errors import InvalidArgumentError, suggestion
 from mindstage.imagination.plan_files import PlanFile
-from mindstage.imagination.plans import Check, Plan, Uncertainty
+from mindstage.imagination.plans import GUESSES, Check, Plan, Uncertainty
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.imagination.verdicts import evaluate_plan
 from mindstage.prolog.predicates import Handler
@@ -39,7 +39,10 @@ _SIGNATURES: Mapping[tuple[str, int], tuple[str, ...]] = {
 """The fields of the arguments of each step."""
 _VECTORS = frozenset({"target", "force", "point"})
 _BUDGET_S = 20.0
-_OPTIONS = "samples(N), seed(N), budget(Seconds), threshold(P), workers(N), check(Question), uncertainty(Thing, List)"
+_OPTIONS = (
+    "samples(N), seed(N), budget(Seconds), threshold(P), workers(N), check(Question), uncertainty(Thing, List), "
+    "uncertainty(guesses)"
+)
 
 
 class PlanPredicates:
@@ -78,6 +81,8 @@ def trial_options(options: Value, predicate: str) -> dict[str, Any]:
                 arguments["budget_s" if name == "budget" else name] = float(number)
             case "check", (term,):
                 arguments["check"] = check_from_term(term)
+            case "uncertainty", (str() as word,) if word == GUESSES:
+                arguments["uncertainty"].append(GUESSES)
             case "uncertainty", (thing, fields):
                 given = _single_values(fields, predicate)
                 stated = _convert({"thing": _name(thing), **given}, Uncertainty, "uncertainty")

@@ -8,7 +8,7 @@ from typing import Any
 from mindstage.access.limits import PROLOG_SKILL_TIME
 from mindstage.errors import InvalidArgumentError
 from mindstage.imagination.acting import act, try_first
-from mindstage.imagination.plans import Perform, Plan, Uncertainty
+from mindstage.imagination.plans import Perform, Plan
 from mindstage.imagination.results import SampleResult
 from mindstage.prolog.plan_predicates import skill_from_term, trial_options
 from mindstage.prolog.predicates import Handler
@@ -80,7 +80,7 @@ class RobotPredicates:
                 raise InvalidArgumentError("perform", cause="nothing is tried", remedy="add try_first(P)")
             return _result_term(act(self._simulation, plan))
         arguments = trial_options(others, "perform")
-        uncertainty: list[Uncertainty] = arguments.pop("uncertainty")
+        uncertainty = arguments.pop("uncertainty")
         tried = try_first(self._simulation, plan, at_least=at_least, uncertainty=uncertainty, **arguments)
         if tried.result is None:
             return Compound("result", (Atom("not_done"), Atom(tried.reason), 0.0))

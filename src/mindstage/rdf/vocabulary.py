@@ -39,6 +39,9 @@ __all__ = [
     "AFFORDS_TASK",
     "AFFORDS_TRIGGER",
     "ANGULAR_CONSTRAINT",
+    "ASSUMED",
+    "ASSUMED_MOBILITY",
+    "ASSUMED_PARENT",
     "BASE_LINK_NAME",
     "CHILD",
     "CLASSIFIES",
@@ -202,6 +205,7 @@ GIVEN_SIZES = ms("givenSizes")
 DIALECT = ms("dialect")
 RESTATES = ms("restates")
 UNTOLD = ms("untold")
+ASSUMED, ASSUMED_MOBILITY, ASSUMED_PARENT = ms("assumed"), ms("assumedMobility"), ms("assumedParent")
 URDF_TEXT = ms("urdf")
 LIGHT_CLASSES = {
     LightType.POINT: ms("PointLight"),

@@ -57,6 +57,8 @@ _SHIFTED_MARGIN_FACTOR = 1.15
 _MAX_OCCLUDERS = 200
 """Number of the largest bodies that count as occluders."""
 _MIN_DISTANCE_M = 0.4
+_MIN_SPREAD_M = 2.0
+"""Bodies of a room may be three times as far from its middle, however near to each other most of them are [m]."""
 _SURROUNDINGS_M = (0.5, 0.6)
 """How much of the walls beside and above the bodies is shown [m]."""
 _SURROUNDINGS_PART = 0.15
@@ -252,7 +254,7 @@ def initial_camera(
 def initial_target(world: World, appearances: Mapping[BodyId, BodyAppearance]) -> FramingTarget:
     """Chooses what the initial camera shows, and the direction.
 
-    Shows the dynamic, jointed and attached bodies; if there are none, all furniture.
+    Shows all furniture and all things, from where most of the dynamic, jointed and attached bodies are visible.
 
     Args:
         world: the world, with the poses of its description.
@@ -267,7 +269,7 @@ def initial_target(world: World, appearances: Mapping[BodyId, BodyAppearance]) -
     opaque = np.array([each.part is VisiblePart.WHOLE and each.is_opaque for each in drawn], dtype=bool)
     sizes = np.array([each.size for each in drawn], dtype=float).reshape(-1, 3)
     poses = pose_array(body.pose for body in bodies)
-    target = _find_target(poses, sizes, movable if movable.any() else furniture, opaque)
+    target = _find_target(poses, sizes, furniture, movable, opaque)
     return msgspec.structs.replace(target, surroundings=_surroundings(target, poses, sizes, drawn))
 
 
@@ -302,7 +304,11 @@ def ground_height(world: World, appearances: Mapping[BodyId, BodyAppearance]) ->
 
 
 def _find_target(
-    poses: Array, sizes: Array, body_mask: NDArray[np.bool_], occluders: NDArray[np.bool_]
+    poses: Array,
+    sizes: Array,
+    body_mask: NDArray[np.bool_],
+    preferred: NDArray[np.bool_],
+    occluders: NDArray[np.bool_],
 ) -> FramingTarget:
     """Finds the direction in which most bodies are visible.
 
@@ -310,6 +316,7 @@ def _find_target(
         poses: poses of all bodies, n x 7.
         sizes: extents of all bodies, n x 3 [m].
         body_mask: the bodies to show; all if it is empty.
+        preferred: those of them that are to be visible; all if it is empty.
         occluders: a mask of the bodies that hide others.
     """
     if len(poses) == 0:
@@ -319,7 +326,8 @@ def _find_target(
     rotations = rotation_matrix(normalize(poses[:, 3:]))
     rows = _without_outliers(poses[body_mask, :3], np.flatnonzero(body_mask))
     points = corners(poses[rows], sizes[rows])
-    sampled = rows[np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SAMPLED_BODIES)).astype(int)]
+    seen = rows[preferred[rows]] if preferred[rows].any() else rows
+    sampled = seen[np.linspace(0, len(seen) - 1, min(len(seen), _MAX_SAMPLED_BODIES)).astype(int)]
     largest = np.flatnonzero(occluders)
     largest = largest[np.argsort(-np.prod(sizes[largest], axis=1))[:_MAX_OCCLUDERS]]
     azimuths = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
@@ -336,7 +344,7 @@ def _without_outliers(centers: Array, rows: NDArray[np.intp]) -> NDArray[np.intp
     """The rows without bodies that are far from all others, which would make everything else small."""
     median = np.median(centers, axis=0)
     distance = np.linalg.norm(centers - median, axis=1)
-    near: NDArray[np.bool_] = distance <= 3.0 * max(float(np.median(distance)), _MIN_DISTANCE_M)
+    near: NDArray[np.bool_] = distance <= 3.0 * max(float(np.median(distance)), _MIN_SPREAD_M)
     return rows[near]
 
 

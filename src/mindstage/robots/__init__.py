@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mindstage.robots.robot import JointState, Odometry, Robot
     from mindstage.robots.robot_kinematics import IkResult, RobotKinematics
     from mindstage.robots.self_models import add_self_model, read_self_model
+    from mindstage.robots.standing import add_standing_robot
     from mindstage.robots.trajectories import JointTrajectory, TrajectoryPoint
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "TrajectoryPoint",
     "add_robot",
     "add_self_model",
+    "add_standing_robot",
     "find_base_placements",
     "find_robot",
     "plan_arm",
@@ -53,6 +55,7 @@ _NAMES_BY_MODULE = {
     "planning": ("plan_arm", "plan_path"),
     "robot": ("JointState", "Odometry", "Robot"),
     "self_models": ("add_self_model", "read_self_model"),
+    "standing": ("add_standing_robot",),
     "trajectories": ("JointTrajectory", "TrajectoryPoint"),
 }
 

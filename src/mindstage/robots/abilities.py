@@ -106,6 +106,8 @@ def profile_of_model(model: RobotModel, *, name: str = "", source: str = "its mo
     found = [part(arm.name, component_class("ArmComponent"), arm.base_link, arm.tip_link) for arm in model.arms]
     found += [part(f"{arm.name}_controller", component_class("ArmMotionController")) for arm in model.arms]
     for gripper in model.grippers:
+        if gripper.max_opening_m <= 0.0:  # nothing fits between its fingers, as far as its model is understood
+            continue
         is_parallel = gripper.type is GripperType.PARALLEL
         cls = component_class("GripperComponent" if is_parallel else "HandComponent")
         found += [part(gripper.name, cls, gripper.link), part(f"{gripper.name}_controller", _GRASP_CONTROLLER)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
+from math import isfinite
 from typing import Any
 
 import msgspec
@@ -26,7 +27,7 @@ from mindstage.scene.transforms import Array, normalized_pose_array, pose_invers
 from mindstage.simulation.imagined import copied_engine
 from mindstage.simulation.simulation import Simulation
 
-__all__ = ["Collision", "CollisionChecker", "HandChecker", "links_behind"]
+__all__ = ["Collision", "CollisionChecker", "HandChecker", "find_part_collision", "links_behind"]
 
 CLEARANCE_M = 0.005
 """Distance that planned motions keep from the place [m]."""
@@ -39,8 +40,12 @@ _NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.003, 2
 not."""
 _TOUCH_M = 0.001
 """Distance at which a gripper counts as touching something [m]."""
+_MAX_TRAVEL_M, _MAX_HELD_M = 2.0, 2.0
+"""The travel of a slide without limits, and the largest extent of a link with what it holds [m]."""
 _START_SLACK_M = 0.001
 """A pair that is too near at the start may come nearer by this [m]."""
+_PART_OVERLAP_M = 0.005
+"""A door or drawer may get so much deeper into others than it is: neighboring fronts are flush."""
 
 
 class Collision(msgspec.Struct, frozen=True, kw_only=True):
@@ -108,6 +113,16 @@ def _moved_links(model: RobotModel, joints: Iterable[str]) -> frozenset[str]:
         each for each in model.joints if each.name in names or (each.mimic is not None and each.mimic.joint in names)
     ]
     return frozenset(link for each in drives for link in links_moved_by(model, each))
+
+
+def _reach_m(model: RobotModel) -> float:
+    """How far anything of a robot whose base stands still can be from its present box, at most [m]."""
+    far: dict[str, float] = {}
+    for joint in model.joints:  # parents come first
+        travel = max(map(abs, joint.limits)) if joint.is_prismatic else 0.0
+        length = float(np.linalg.norm(joint.origin.position)) + (travel if isfinite(travel) else _MAX_TRAVEL_M)
+        far[joint.child] = far.get(joint.parent, 0.0) + length
+    return max(far.values(), default=0.0) + _MAX_HELD_M
 
 
 def _joints_between(model: RobotModel) -> dict[tuple[str, str], int]:
@@ -183,8 +198,9 @@ class CollisionChecker:
                 for holder in carried
                 for id in _carried_by(holder, source, sizes.get(holder), excluded={*link_ids.values(), *carried})
             }
+            links_here = [id for id in link_ids.values() if id in source.poses()[0]]
             return ContactModel(
-                source.compiled(),
+                source.compiled() if base_moves else source.compiled_near(links_here, within_m=_reach_m(model)),
                 moving=moving,
                 ignored=ignore,
                 carried=contents | carried,
@@ -419,3 +435,45 @@ class HandChecker:
         if not self._is_hand[row]:
             row, other = other, row
         return _collision(contacts, row, other, float(distances[worst]), float(least[worst]))
+
+
+def find_part_collision(
+    robot: Robot, part: Collection[BodyId], joint: BodyId, positions: Sequence[float]
+) -> tuple[int, Collision] | None:
+    """The first position at which a door or drawer would be inside something that does not give way.
+
+    The robot and loose bodies give way; what lies in a drawer moves with it.
+
+    Args:
+        part: the door or drawer, and its handle.
+        joint: its joint, with one axis.
+        positions: of the joint, relative to the spawned one, the present one first [m or rad].
+
+    Returns:
+        The number of the position and the deepest collision there; None if the way is free.
+    """
+    ignored = {*robot.link_ids.values(), *robot.held.values()}
+
+    def copy(engine: Engine) -> ContactModel:
+        return ContactModel(_in_mujoco(engine, robot.session).compiled(), moving=part, ignored=ignored)
+
+    contacts = robot.session.engine.run(copy, label="copy for collisions")
+    is_part = np.array([id in contacts.moving for id in contacts.ids])
+    is_loose = np.array([id in contacts.loose for id in contacts.ids])
+    before: dict[tuple[int, int], float] = {}
+    for number, position in enumerate(positions):
+        contacts.set_joint(joint, position)
+        contacts.update()
+        geoms, distances = contacts.near_geoms()
+        worst: tuple[float, int, int] | None = None
+        for (row, other), distance in zip(contacts.body_rows(geoms).tolist(), distances.tolist(), strict=True):
+            if is_part[row] == is_part[other] or is_loose[row] or is_loose[other]:
+                continue
+            pair = (row, other) if is_part[row] else (other, row)
+            if number == 0:
+                before[pair] = min(distance, before.get(pair, 0.0))
+            elif distance < before.get(pair, 0.0) - _PART_OVERLAP_M and (worst is None or distance < worst[0]):
+                worst = (distance, *pair)
+        if worst is not None:
+            return number, _collision(contacts, worst[1], worst[2], worst[0], -_PART_OVERLAP_M)
+    return None

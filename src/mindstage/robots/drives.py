@@ -264,13 +264,29 @@ def links_moved_by(model: RobotModel, joint: RobotJoint) -> frozenset[str]:
     return frozenset(found)
 
 
+def rigid_links(model: RobotModel, link: str) -> frozenset[str]:
+    """A link and those that do not move relative to it."""
+    found = {link}
+    for each in (*reversed(model.joints), *model.joints):  # upwards, then downwards: parents come before children
+        if not each.is_movable and not found.isdisjoint((each.parent, each.child)):
+            found |= {each.parent, each.child}
+    return frozenset(found)
+
+
 def finger_links_by_finger(model: RobotModel, gripper: Gripper) -> tuple[frozenset[str], ...]:
-    """The links of each finger of a gripper: its finger links, and those that carry them."""
+    """The links of each finger of a gripper: its finger links, and those that carry them.
+
+    What is fixed to its palm, against which an only finger closes, is one finger without others that carry it.
+    """
     parents = {each.child: each.parent for each in model.joints}
+    fixed = rigid_links(model, gripper.link)
     groups: dict[str, set[str]] = {}
     for link in gripper.finger_links:
+        if link in fixed:
+            groups.setdefault(gripper.link, set()).add(link)
+            continue
         first, carriers = link, {link}
-        while parents.get(first, gripper.link) != gripper.link:
+        while parents.get(first, gripper.link) not in fixed:
             first = parents[first]
             carriers.add(first)
         groups.setdefault(first, set()).update(carriers)

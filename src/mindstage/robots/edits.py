@@ -236,7 +236,7 @@ def add_robot(
     model = (
         source
         if isinstance(source, RobotModel)
-        else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro)
+        else load_model(Path(source) if isinstance(source, PathLike) else source, xacro=xacro, divide=True)
     )
     taken = set(session.robots)
     if not name:

@@ -17,7 +17,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError, UnreachableError
-from mindstage.ranges import Count, Finite, Length, Point, Seed, WallTime, checked
+from mindstage.ranges import Finite, Index, Length, Point, Seed, WallTime, checked
 from mindstage.robots.base_motion import differential_path
 from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.floor_poses import BasePose, wrapped
@@ -178,7 +178,7 @@ def plan_base(
     *,
     ignore: Collection[BodyId] = (),
     clearance_m: Length | None = None,
-    max_tests: Count = 40_000,
+    max_tests: Index = 40_000,
     cpu_s: WallTime = CPU_S,
     part_of: SearchLimit | None = None,
     floor: FloorMap | None = None,
@@ -193,7 +193,7 @@ def plan_base(
         ignore: bodies that are no obstacles.
         clearance_m: the distance that the whole robot keeps from the place [m]; None for 1 cm, or 4 mm if it
             begins in a narrow place.
-        max_tests: number of poses that are tested for collisions before the search ends.
+        max_tests: number of poses that are tested for collisions before the search ends; 0 for a straight way only.
         cpu_s: processor time after which it ends in any case [s].
         part_of: the limit of a larger search, in which the tests count, too.
         floor: the free floor without `ignore`, if it is known; the way begins at its start.

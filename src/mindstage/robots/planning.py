@@ -228,8 +228,9 @@ def plan_arm(
 
     Args:
         arm: its arm, or the name; empty for the first one.
-        target: positions by joint [m or rad], of which those that are left out do not change; or the pose of the grasp
-            frame of the gripper (of the last link of an arm without one) in the world frame.
+        target: positions by joint [m or rad], of which those that are left out do not change, a continuous joint less
+            than one turn from where it is; or the pose of the grasp frame of the gripper (of the last link of an arm
+            without one) in the world frame.
         free: the axes of the grasp frame about which it may turn at the target; see `RobotKinematics.solve_ik`.
         start: positions of joints from which the motion starts, and of others, such as fingers, that stay there; by
             default where they are.
@@ -389,6 +390,8 @@ def _joint_goal(task: ArmTask, target: Mapping[str, float], text: str) -> Array:
             side = "lower" if value < low else "upper"
             limit = low if value < low else high
             raise task.unreachable(text, f"the {side} limit of {name} is {limit:.4g} {task.joints[row].unit}")
+        if task.joints[row].type is RobotJointType.CONTINUOUS and abs(value - task.start[row]) > 2 * pi:
+            raise task.unreachable(text, f"{name} turns without limits, and a plan turns it by at most half a turn")
         goal[row] = np.clip(value, low, high)
     if (collision := task.test(task.nearest_turn(goal))) is not None:
         raise task.unreachable(text, f"there {collision}", collision.obstacle)

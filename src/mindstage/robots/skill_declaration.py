@@ -170,7 +170,7 @@ class SkillResult(msgspec.Struct, frozen=True, kw_only=True):
     reason: str
     """Why it failed, or is unknown, with names and numbers; empty if it succeeded."""
     assumptions: tuple[str, ...]
-    """What was assumed, such as a thing that was fixed to the gripper instead of being held by friction."""
+    """What was assumed, such as that no better place to stand would have been found with more time."""
     suggestion: str
     """What to try after a failure; empty if it succeeded."""
     state: SkillState

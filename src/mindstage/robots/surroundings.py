@@ -12,12 +12,27 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from mindstage.errors import AmbiguousNameError, BodyNotFoundError, NameNotFoundError, closest_names
+from mindstage.errors import (
+    AmbiguousNameError,
+    BodyNotFoundError,
+    InvalidArgumentError,
+    KnowledgeError,
+    NameNotFoundError,
+    closest_names,
+)
 from mindstage.knowledge.names import EntityType
 from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, BodyId, Iri, Mobility, Pose, World
 from mindstage.scene.geometry import BodyGeometry
-from mindstage.scene.transforms import Array, normalize, normalized_pose_array, pose_inverse, pose_multiply, quat_rotate
+from mindstage.scene.transforms import (
+    Array,
+    normalize,
+    normalized_pose_array,
+    pose_inverse,
+    pose_multiply,
+    quat_conjugate,
+    quat_rotate,
+)
 from mindstage.simulation.joint_motion import SimulationJoint, find_joint
 from mindstage.simulation.simulation import Simulation
 
@@ -37,7 +52,7 @@ class ArticulatedPart(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     container: BodyId
     joint: SimulationJoint
     handle: BodyId | None
-    """None if no handle belongs to it."""
+    """None if no handle belongs to it, and nothing else that can be held."""
 
     @property
     def openness(self) -> float:
@@ -82,6 +97,8 @@ class Surroundings:
         self._bodies = {body.id: body for body in self.world.bodies if body.id not in self._ignored}
         self._by_iri = {body.iri: body.id for body in self._bodies.values()}
         self._articulated_parts: tuple[ArticulatedPart, ...] | None = None
+        self._odd_parts: dict[BodyId, tuple[BodyId, KnowledgeError]] = {}
+        """Doors and drawers of which no single joint can be moved, with their containers, and why."""
 
     # -- bodies ------------------------------------------------------------------------------------------------------
 
@@ -183,7 +200,7 @@ class Surroundings:
     # -- doors and drawers -------------------------------------------------------------------------------------------
 
     def articulated_parts(self) -> tuple[ArticulatedPart, ...]:
-        """All doors, drawers and lids."""
+        """All doors, drawers and lids with a joint that has a range."""
         if self._articulated_parts is None:
             self._articulated_parts = tuple(self._find_articulated_parts())
         return self._articulated_parts
@@ -198,10 +215,14 @@ class Surroundings:
 
         Raises:
             NameNotFoundError: it has none.
-            AmbiguousNameError: it has several.
+            AmbiguousNameError: it has several, or several joints with a range move it.
+            InvalidArgumentError: its joint has no range.
         """
         found = self.articulated_parts_of(thing)
         if not found:
+            for id, (container, error) in self._odd_parts.items():
+                if thing in {id, container, self._handle_of(id)}:
+                    raise error
             known = [each.id for each in self.articulated_parts()]
             raise NameNotFoundError(thing, entity_type="door or drawer", known=known)
         if len(found) > 1:
@@ -209,19 +230,59 @@ class Surroundings:
         return found[0]
 
     def _find_articulated_parts(self) -> Iterator[ArticulatedPart]:
-        for row in self._session.ask("articulated_parts"):
+        containers: dict[BodyId, BodyId] = {}
+        for row in self._session.ask("articulated_parts"):  # one for each joint
             id, container = self._by_iri.get(row.part), self._by_iri.get(row.thing)
-            if id is None or container is None:
+            if id is not None and container is not None:
+                containers.setdefault(id, container)
+        for id, container in containers.items():
+            try:
+                joint = self._joint_of(id)
+            except KnowledgeError as error:
+                self._odd_parts[id] = container, error
                 continue
-            joint = find_joint(self._session, id)
-            if row.share is not None:
-                yield ArticulatedPart(id=id, container=container, joint=joint, handle=self._handle_of(id))
+            handle = self._handle_of(id) or self._knob_of(id, container)
+            yield ArticulatedPart(id=id, container=container, joint=joint, handle=handle)
+
+    def _joint_of(self, part: BodyId) -> SimulationJoint:
+        """The only joint of a part that has a range.
+
+        Raises:
+            AmbiguousNameError: there are several.
+            InvalidArgumentError: there is none.
+        """
+        ambiguous: AmbiguousNameError | None = None
+        try:
+            joints = [find_joint(self._session, part)]
+        except AmbiguousNameError as error:
+            joints = [find_joint(self._session, each) for each in error.candidates]
+            ambiguous = error
+        ranged = [each for each in joints if np.isfinite(each.range).all() and np.ptp(each.range) > 0.0]
+        if len(ranged) > 1 and ambiguous is not None:
+            raise ambiguous
+        if not ranged:
+            raise InvalidArgumentError(part, cause="no joint of it has a range", remedy="give its joint limits")
+        return ranged[0]
 
     def _handle_of(self, part: BodyId) -> BodyId | None:
         """The handle of a part; of several, the one that is largest."""
         rows = self._session.ask("handle_of", individual=self._bodies[part].iri)
         handles = [self._by_iri[row.handle] for row in rows if row.handle in self._by_iri]
         return max(handles, key=lambda each: float(np.prod(self._bodies[each].size or (0.0,))), default=None)
+
+    def _knob_of(self, part: BodyId, container: BodyId) -> BodyId | None:
+        """What is attached to a part and farther out than it, of whatever class, such as a knob; the farthest one."""
+        found: dict[BodyId, float] = {}
+        pose, size = self.pose(part), np.asarray(self.body(part).size or (np.inf,) * 3)
+        outward = pose[:3] - self.pose(container)[:3]
+        for each in self.world.attachments:
+            if each.parent != part or each.child not in self._bodies:
+                continue
+            offset = self.pose(each.child)[:3] - pose[:3]
+            beyond = np.abs(quat_rotate(quat_conjugate(pose[3:]), offset)) - size / 2
+            if beyond.max() > 0.0 and offset @ outward > 0.0:
+                found[each.child] = float(beyond.max())
+        return max(found, key=found.__getitem__, default=None)
 
     # -- places ------------------------------------------------------------------------------------------------------
 
@@ -230,6 +291,15 @@ class Surroundings:
         rows = self._session.ask("where_is", thing=self.body(thing).iri, relation="inside")
         found = [self._by_iri[row.other] for row in rows if row.other in self._by_iri]
         return sorted(dict.fromkeys(found), key=lambda each: float(np.prod(self._bodies[each].size or (np.inf,))))
+
+    def contents_of(self, part: ArticulatedPart) -> list[BodyId]:
+        """The loose things that are in a drawer, or in the container of a door."""
+        holder = part.id if part.joint.is_prismatic else part.container
+        rows = self._session.ask("where_is", relation="inside", other=self.body(holder).iri)
+        found = dict.fromkeys(self._by_iri[row.thing] for row in rows if row.thing in self._by_iri)
+        held = {end for joint in self.world.joints for end in (joint.parent, joint.child)}
+        held.update(end for each in self.world.attachments for end in (each.parent, each.child))
+        return [each for each in found if self.body(each).physics.is_dynamic and each not in held]
 
     def in_front_of(self, thing: BodyId) -> list[ArticulatedPart]:
         """The doors or drawers that have to be open to get to a thing, open or not."""

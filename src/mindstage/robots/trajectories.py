@@ -110,7 +110,9 @@ def spline_of(
 ) -> JointSpline:
     """Checks a trajectory, and computes its polynomials.
 
-    A continuous joint is moved by whole turns to where the trajectory is nearest to its state.
+    The positions of a continuous joint are shifted by whole turns to where the trajectory begins nearest to its state,
+    if it begins at time 0, or has no position beyond one turn. Otherwise they are taken literally: the joint makes
+    these turns, or the trajectory is refused for lack of time.
 
     Args:
         robot: the name of the robot, for errors.
@@ -129,7 +131,8 @@ def spline_of(
     positions = np.array([point.positions for point in trajectory.points], dtype=float)
     now = np.array([state[name] for name in trajectory.joints])
     for column, joint in enumerate(joints):
-        if joint.type is RobotJointType.CONTINUOUS:
+        is_angle = times[0] == 0.0 or float(np.abs(positions[:, column]).max()) <= 2 * math.pi
+        if joint.type is RobotJointType.CONTINUOUS and is_angle:
             turns = round((now[column] - positions[0, column]) / (2 * math.pi))
             positions[:, column] += turns * 2 * math.pi
     _check_positions(joints, times, positions, robot)

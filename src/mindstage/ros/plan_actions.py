@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from contextvars import copy_context
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 
@@ -20,7 +20,7 @@ from mindstage.access.limits import PLAN_SAMPLES
 from mindstage.access.policies import GOAL
 from mindstage.errors import InvalidArgumentError, MessageValidationError, PlanError
 from mindstage.imagination.plan_files import PlanFile
-from mindstage.imagination.plans import Check, Uncertainty
+from mindstage.imagination.plans import Check, GivenUncertainty
 from mindstage.imagination.results import Outcome
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.imagination.verdicts import Progress, Verdict, evaluate_plan
@@ -40,7 +40,6 @@ _CANCEL_GRACE_S = 0.25
 """Time for the samples to end after a cancellation [s]; the goal then ends without them."""
 _END_GRACE_S = 1.0
 """Time for the samples to end after the budget [s]; the goal then ends without them."""
-T = TypeVar("T")
 
 
 class PlanActions:
@@ -59,7 +58,7 @@ class PlanActions:
         Raises:
             GoalCanceledError: the goal was canceled; with what is known by then.
         """
-        budget_s = min(goal.budget_s if goal.budget_s > 0.0 else _DEFAULT_BUDGET_S, context.timeout_s)
+        budget_s = goal.budget_s if goal.budget_s > 0.0 else min(_DEFAULT_BUDGET_S, context.timeout_s)
         trial = _SupervisedTrial(self._simulation, goal, context, budget_s)
         try:
             return trial.run()
@@ -109,6 +108,9 @@ class _SupervisedTrial:
     def _parsed(self) -> tuple[PlanFile, dict[str, Any]]:
         goal = self._goal
         plan = plan_from_text(goal.plan)
+        if not self._budget_s <= self._context.timeout_s:
+            cause = f"{self._budget_s:g} s is more than {self._context.timeout_s:g} s, the longest goal of this server"
+            raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path="budget_s", cause=cause)
         most = os.cpu_count() or 1
         workers = _limited("workers", goal.workers or 1, most, f"this machine has {most} processors")
         samples = _limited("samples", goal.samples or _DEFAULT_SAMPLES, PLAN_SAMPLES.count, "use several goals")
@@ -117,9 +119,7 @@ class _SupervisedTrial:
             raise MessageValidationError("mindstage_msgs/EvaluatePlanGoal", path="threshold", cause=cause)
         return plan, {
             "check": _decoded("check", goal.check, Check) if goal.check else None,
-            "uncertainty": _decoded("uncertainty", goal.uncertainty, tuple[Uncertainty, ...])
-            if goal.uncertainty
-            else (),
+            "uncertainty": _decoded("uncertainty", goal.uncertainty, GivenUncertainty) if goal.uncertainty else (),
             "samples": samples,
             "seed": goal.seed,
             "threshold": goal.threshold or _DEFAULT_THRESHOLD,
@@ -166,7 +166,7 @@ def _limited(name: str, value: int, most: int, why: str) -> int:
     return value
 
 
-def _decoded(name: str, text: str, type: type[T]) -> T:
+def _decoded(name: str, text: str, type: Any) -> Any:
     try:
         return msgspec.json.decode(text, type=type)
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:

@@ -108,18 +108,23 @@ def overlapping_pairs(
 
 
 def connected_groups(count: int, a: Indices, b: Indices) -> Indices:
-    """Returns the number of the group of each box, n; boxes of a group are connected, directly or through others.
+    """Returns the number of the group of each of n things, in the order of the first of each group.
+
+    Things of a group are connected, directly or through others.
 
     Args:
-        count: n, the number of boxes.
-        a: the rows of one box of each connected pair.
-        b: the rows of the other box.
+        count: n.
+        a: the rows of one end of each connection.
+        b: the rows of the other end.
     """
-    from scipy.sparse import coo_array  # slow to import, and needed by pictures only
-    from scipy.sparse.csgraph import connected_components
-
-    _, groups = connected_components(coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(count, count)), False)
-    return np.asarray(groups, dtype=np.intp)
+    first = np.arange(count)
+    while True:
+        one, other = first[a], first[b]
+        if np.array_equal(one, other):
+            return np.unique(first, return_inverse=True)[1].astype(np.intp)
+        np.minimum.at(first, np.maximum(one, other), np.minimum(one, other))
+        while not np.array_equal(first, first := first[first]):
+            pass
 
 
 def penetration_depths(boxes: OrientedBoxes, a: Indices, b: Indices) -> Array:

@@ -185,6 +185,8 @@ class Spawn(GeometryEdit, frozen=True):
     world: World
     immovable: frozenset[BodyId] = frozenset()
     """Dynamic bodies that are simulated as static ones, such as walls, until their physics is set."""
+    uncertain_poses: frozenset[BodyId] = frozenset()
+    """Bodies whose poses are doubtful by a finding about the map: the height of the ground is not theirs."""
     ground: bool = False
     """Whether a ground is assumed where there is nothing below loose bodies."""
     settle: bool = True

@@ -34,9 +34,11 @@ __all__ = [
     "RigidGroups",
     "axis_ranges",
     "coupled_positions",
+    "drawer_front",
     "first_movable_axis",
     "front_side",
     "handles_by_body",
+    "is_floating",
     "is_handle_class",
     "is_moving_part_class",
     "is_robot_part",
@@ -80,6 +82,13 @@ def axis_ranges(joint: Joint) -> tuple[JointAxisRange, ...]:
         JointAxisRange(angular.swing2, angular.swing2_limit, angular.swing2_middle),
         JointAxisRange(angular.swing1, angular.swing1_limit, angular.swing1_middle),
     )
+
+
+def is_floating(joint: Joint) -> bool:
+    """Whether a joint constrains nothing, such as a floating one in URDF: its bodies are free, as without it."""
+    linear, angular = joint.linear, joint.angular
+    motions = (linear.x, linear.y, linear.z, angular.twist, angular.swing2, angular.swing1)
+    return all(each is AxisMotion.FREE for each in motions)
 
 
 def first_movable_axis(joint: Joint) -> int | None:
@@ -168,7 +177,7 @@ class RigidGroups:
     root_row: NDArray[np.intp]
     """For each body, the row of the root body of its group, which identifies the group."""
     jointed_pairs: frozenset[tuple[int, int]]
-    """Pairs of groups that a joint connects: the moving group, then the holding one."""
+    """Pairs of groups that a joint connects, unless it is floating: the moving group, then the holding one."""
     is_jointed: NDArray[np.bool_]
     """For each body, whether a joint holds its group, as it does a door with its handle."""
     is_dynamic: NDArray[np.bool_]
@@ -182,7 +191,7 @@ class RigidGroups:
         root_row = np.array([rows[_root_of(body.id, parents)] for body in world.bodies], dtype=np.intp)
         jointed_pairs = set()
         for joint in world.joints:
-            if joint.parent in rows and joint.child in rows:
+            if joint.parent in rows and joint.child in rows and not is_floating(joint):
                 moving, holder = moving_body(joint, world.bodies[rows[joint.parent]], world.bodies[rows[joint.child]])
                 jointed_pairs.add((int(root_row[rows[moving.id]]), int(root_row[rows[holder.id]])))
         is_jointed = np.zeros(len(world.bodies), dtype=bool)
@@ -246,6 +255,11 @@ _CASING_OFFSET = 0.3
 """Least offset of a body from the center of its casing, as a fraction of the half extent, that shows the front."""
 _OUTSIDE_OFFSET = 0.8
 """Offset of a body from the center of its casing beyond which the casing outweighs a handle that shows otherwise."""
+_ALONG_COSINE = 0.1
+"""Cosine of the angle between the normal of a sliding door and the direction that it slides in."""
+_FLUSH_M, _MIN_BEHIND_M = 0.01, 0.02
+"""The end of a drawer that is in the front of its casing or before it is this close to it, and the other one farther
+than that from the back [m]."""
 _MAX_CASING_M = 2.5
 """Extent towards the front beyond which a body is a room or a building rather than a casing [m]."""
 _MIN_FURNITURE_M = 0.2
@@ -364,7 +378,23 @@ def front_side(
         return FrontSide(int(np.sign(handle_offset)), evidence)
     if by_casing:
         return FrontSide(int(np.sign(share)), "it is on that side of its casing")
-    return None
+    return None if casing is None else drawer_front(moving, casing, direction)
+
+
+def drawer_front(moving: ObservedBox, casing: ObservedBox, direction: Array) -> FrontSide | None:
+    """Returns which way along a direction a drawer faces whose one end is in the front of its casing, or before it.
+
+    Its other end is then not at the back: there is room behind a drawer.
+    """
+    half, depth = moving.half_extent_along(direction), casing.half_extent_along(direction)
+    offset = float((moving.center - casing.center) @ direction)
+    behind = depth - half + abs(offset)
+    if 2 * depth > _MAX_CASING_M or abs(offset) >= depth or behind < _MIN_BEHIND_M:
+        return None
+    if half + abs(offset) < depth - _FLUSH_M:
+        return None
+    evidence = f"its other end is {100 * behind:.0f} cm from the back of its casing"
+    return FrontSide(int(np.sign(offset)), evidence)
 
 
 class OutwardJoint(NamedTuple):
@@ -418,17 +448,34 @@ def _outward_joint(joint: Joint, moving: Body, holder: Body, handle: Body | None
     outward = (_slide_direction if is_prismatic else _swing_direction)(joint, axis, box, casing)
     if outward is None:
         return None
-    front = front_side(box, casing, None if handle is None else ObservedBox.of(handle), outward)
+    leaf = _leaf_side(box, casing, outward) if is_prismatic else None
+    front = leaf or front_side(box, casing, None if handle is None else ObservedBox.of(handle), outward)
     if front is None or not _closes(box, casing, front.sign * outward, is_prismatic=is_prismatic):
         return None
     sign = front.sign if moving.id == joint.child else -front.sign
     end = middle + sign * limit
     verb, unit = ("slide", "m") if is_prismatic else ("turn", "rad")
+    where = "into" if leaf is None else "beside"
     text = (
-        f"{joint.id} would let {moving.id} {verb} {abs(middle - sign * limit):.3g} {unit} into {holder.id}; "
+        f"{joint.id} would let {moving.id} {verb} {abs(middle - sign * limit):.3g} {unit} {where} {holder.id}; "
         f"{front.evidence}, so it only opens outwards, to {end:.3g} {unit}"
     )
     return OutwardJoint(_with_range(joint, number, sign * abs(end) / 2, abs(end) / 2), text)
+
+
+def _leaf_side(moving: ObservedBox, casing: ObservedBox, direction: Array) -> FrontSide | None:
+    """Returns which way a sliding door before its casing moves: over the casing; None if it is none."""
+    half = moving.half_extents
+    thin, short, _ = np.argsort(half)
+    normal = moving.axis(int(thin))
+    offset = moving.center - casing.center
+    before = abs(float(offset @ normal)) >= casing.half_extent_along(normal)
+    aside = float(offset @ direction)
+    if half[thin] > _PANEL_RATIO * half[short] or abs(float(normal @ direction)) > _ALONG_COSINE or not before:
+        return None
+    if abs(aside) < _MIN_BEHIND_M:
+        return None
+    return FrontSide(-int(np.sign(aside)), "it is a sliding door on the other side of its casing")
 
 
 def _slide_direction(joint: Joint, axis: Array, moving: ObservedBox, casing: ObservedBox) -> Array | None:

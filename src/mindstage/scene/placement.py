@@ -6,8 +6,10 @@ collision shapes of all bodies nearby. A body without geometry is a box, whose u
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice, permutations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,6 +48,14 @@ _NEAR_OFFSETS_M = np.arange(-6, 7) * 0.02
 """The finer grid around a point that a body is to be placed near."""
 _MAX_CANDIDATES = 625
 """Approximate limit of the candidates for each orientation on one surface."""
+_CLEARANCES_M = (0.05, 0.02, 0.01, 0.004, 0.001)
+"""Between bodies that are placed together, and to edges: the largest one with which they fit is taken."""
+_MAX_ORDERS = 24
+"""Number of orders in which bodies are placed together."""
+_MAX_TRIES = 60
+"""Number of places that are tried for one order."""
+_GRID_LINES = 9
+"""Along each side of a surface, besides places that are flush with something."""
 _ASSUMED_SIZE_M: Vector = (0.1, 0.1, 0.1)
 
 
@@ -193,6 +203,32 @@ class PlacementSampler:
         reason = "" if free.any() else "other bodies occupy the space"
         return [pose_from_array(row) for row in candidates[free]], reason
 
+    def packings(
+        self, items: Sequence[tuple[Body, BodyGeometry | None]], surfaces: Sequence[PlacementSurface]
+    ) -> Iterator[list[tuple[PlacementSurface, Pose]]]:
+        """Arrangements of several bodies on some surfaces, each with less clearance than the one before.
+
+        Bodies are placed one after the other, in all orders for a few of them, flush with edges and with one another,
+        or on a grid: what fits off-center or in one order only is found, unless it takes more than some thousand tries.
+
+        Args:
+            items: the bodies, whose poses are ignored, with their geometry.
+            surfaces: the surfaces, the preferred one first.
+
+        Yields:
+            The surface and the pose of each body, in the order of the items.
+        """
+        bounds = [_compiled_geometry(body, geometry, {}).bounds for body, geometry in items]
+        areas = [-float(np.prod((high - low)[:2])) for low, high in bounds]
+        largest_first = sorted(range(len(items)), key=areas.__getitem__)
+        for clearance_m in _CLEARANCES_M:
+            search = _Packing(bounds, surfaces, clearance_m, self._is_free)
+            orders = islice(permutations(largest_first), _MAX_ORDERS) if search.is_possible else ()
+            found = (search.arrange(order, axis) for order in orders for axis in (1, 0))
+            arranged = next((each for each in found if each is not None), None)
+            if arranged is not None:
+                yield [arranged[number] for number in range(len(items))]
+
     def free_places(
         self, body: Body, geometry: BodyGeometry | None, surface: PlacementSurface
     ) -> tuple[list[FreePlace], str]:
@@ -267,6 +303,93 @@ class PlacementSampler:
         return np.asarray(np.bincount(a[penetrates], minlength=count) == 0)
 
 
+class _Spot(NamedTuple):
+    """A place of one body: the rectangle that it takes on a surface."""
+
+    surface: int
+    low: Array
+    """Its least corner in the frame of the surface [m]."""
+    high: Array
+    pose: Array
+
+
+class _Packing:
+    """The search for one arrangement with a given clearance."""
+
+    def __init__(
+        self,
+        bounds: Sequence[tuple[Array, Array]],
+        surfaces: Sequence[PlacementSurface],
+        clearance_m: float,
+        is_free: Callable[[CompiledGeometry, Array], Array],
+    ) -> None:
+        self._bounds, self._surfaces, self._clearance_m, self._is_free = bounds, surfaces, clearance_m, is_free
+        self._tries, self._axis = 0, 0
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether the surfaces have at least the area of all bodies."""
+        gap = self._clearance_m
+        needed = sum(float(np.prod((high - low)[:2] + gap)) for low, high in self._bounds)
+        return needed <= sum(max(each.size[0] - gap, 0.0) * max(each.size[1] - gap, 0.0) for each in self._surfaces)
+
+    def arrange(self, order: Sequence[int], axis: int) -> dict[int, tuple[PlacementSurface, Pose]] | None:
+        """Places bodies in an order, in rows that follow one another along an axis; None if that does not succeed."""
+        self._tries, self._axis = _MAX_TRIES, axis
+        spots = self._complete(order, [])
+        if spots is None:
+            return None
+        placed = zip(order, spots, strict=True)
+        return {number: (self._surfaces[spot.surface], pose_from_array(spot.pose)) for number, spot in placed}
+
+    def _complete(self, order: Sequence[int], placed: list[_Spot]) -> list[_Spot] | None:
+        if len(placed) == len(order):
+            return placed
+        for spot in self._spots(order[len(placed)], placed):
+            self._tries -= 1
+            if self._tries < 0:
+                return None
+            if (found := self._complete(order, [*placed, spot])) is not None:
+                return found
+        return None
+
+    def _spots(self, number: int, placed: Sequence[_Spot]) -> Iterator[_Spot]:
+        """The free places of a body beside those that are placed."""
+        low, high = self._bounds[number]
+        for at, surface in enumerate(self._surfaces):
+            if surface.surface.clearance is not None and high[2] - low[2] > surface.surface.clearance:
+                continue
+            others = [each for each in placed if each.surface == at]
+            for quarter in (0, 1):
+                extent = (high - low)[:2] if quarter == 0 else (high - low)[1::-1]
+                corners = self._corners(surface, extent, others)
+                if not len(corners):
+                    continue
+                poses = _poses_on(surface, low, high, quarter, corners + extent / 2)
+                free = self._is_free(_bounding_geometry(low, high), poses)
+                for corner, pose in zip(corners[free], poses[free], strict=True):
+                    yield _Spot(at, corner, corner + extent, pose)
+
+    def _corners(self, surface: PlacementSurface, extent: Array, others: Sequence[_Spot]) -> Array:
+        """Least corners of where a rectangle is on the surface, apart from others: flush ones, then those of a grid."""
+        gap, half = self._clearance_m, np.array(surface.size) / 2 - self._clearance_m
+        if np.any(2 * half < extent):
+            return np.zeros((0, 2))
+        flush = np.array([-half, half - extent, -extent / 2])
+        beside = [corner for each in others for corner in (each.high + gap, each.low - gap - extent)]
+        grid = np.linspace(-half, half - extent, _GRID_LINES)
+        lines = (np.concatenate([flush, np.reshape(beside, (-1, 2))]), grid)
+        corners = np.concatenate(
+            [np.stack(np.meshgrid(*each.T, indexing="ij"), axis=-1).reshape(-1, 2) for each in lines]
+        )
+        ends = corners + extent
+        fits = np.all((corners >= -half - 1e-9) & (ends <= half + 1e-9), axis=1)
+        for each in others:
+            fits &= np.any((corners >= each.high + gap - 1e-9) | (ends <= each.low - gap + 1e-9), axis=1)
+        corners = corners[fits]
+        return np.asarray(corners[np.lexsort((corners[:, 1 - self._axis], corners[:, self._axis]))])
+
+
 def _compiled_geometry(
     body: Body, geometry: BodyGeometry | None, cache: dict[object, CompiledGeometry]
 ) -> CompiledGeometry:
@@ -307,6 +430,14 @@ def _grid_poses(
         target = quat_rotate(inverse, np.asarray(near) - surface.pose[:3])[:2]
         around = np.stack(np.meshgrid(_NEAR_OFFSETS_M, _NEAR_OFFSETS_M, indexing="ij"), axis=-1).reshape(-1, 2)
         middles = np.concatenate([np.unique(np.clip(target + around, -room / 2, room / 2), axis=0), middles])
+    return _poses_on(surface, low, high, quarter, middles)
+
+
+def _poses_on(surface: PlacementSurface, low: Array, high: Array, quarter: int, middles: Array) -> Array:
+    """Poses of a body with some bounds whose box has its middle, seen from above, at points of a surface, n x 2 [m]."""
+    turn = np.array([np.cos(quarter * np.pi / 4), 0.0, 0.0, np.sin(quarter * np.pi / 4)])
+    corners = quat_rotate(turn, np.array([low, high]))
+    least, most = corners.min(axis=0), corners.max(axis=0)
     local = np.zeros((len(middles), 7))
     local[:, :2] = middles - (least + most)[:2] / 2
     local[:, 2] = _DROP_HEIGHT_M - least[2]

@@ -197,9 +197,12 @@ class FieldChange(msgspec.Struct, frozen=True, kw_only=True):
 def compare_columns(
     fields: Mapping[str, ChangeKind], ids: Sequence[str], a: Sequence[World | Body | Joint | Light], b: Sequence[Any]
 ) -> Iterator[FieldChange]:
-    """Yields the changes of all fields of objects of one type, comparing a[i] with b[i]."""
+    """Yields the changes of all fields of objects of one type, comparing a[i] with b[i].
+
+    A mobility that is assumed counts as none.
+    """
     for path, kind in fields.items():
-        get = attrgetter(path)
+        get = attrgetter(path.replace("physics.mobility", "physics.stated_mobility"))
         yield from compare_column(path, kind, ids, [get(item) for item in a], [get(item) for item in b])
 
 

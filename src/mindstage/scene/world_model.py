@@ -212,6 +212,13 @@ class BodyPhysics(FrozenStruct, frozen=True, kw_only=True):
     """Whether contacts are reported; None is treated as false."""
     mass_kg: float | None = None
     """[kg]. None or 0 is no mass; an engine that needs one estimates it from the size and reports it."""
+    assumed: tuple[str, ...] = ()
+    """Names of the fields that the map does not state, and its reader assumed: `mobility`."""
+
+    @property
+    def stated_mobility(self) -> Mobility | None:
+        """The mobility that the map states; None if it states none, also if one is assumed."""
+        return None if "mobility" in self.assumed else self.mobility
 
     @property
     def is_dynamic(self) -> bool:
@@ -369,11 +376,13 @@ class Joint(PosedStruct, frozen=True, kw_only=True):
     linear: LinearLimits = LinearLimits()
     angular: AngularLimits = AngularLimits()
     disable_collision: bool | None = None
-    """Whether the two bodies do not collide with each other; None is treated as true."""
+    """Whether the two bodies do not collide with each other; None is treated as true, unless the joint is floating."""
     mimic: JointMimic | None = None
     """The joint that it follows, if any."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
+    assumed: tuple[str, ...] = ()
+    """Names of what the map does not state, and its reader assumed: `parent`, `limits`, `axis`…"""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.id}: {self.parent} -> {self.child}>"

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from mindstage.access.resources import require_granted
 from mindstage.engines.base import SpawnFailure, SpawnNote, SpawnNoteKind, SpawnReport
 from mindstage.knowledge import KnowledgeBase
+from mindstage.rdf.vocabulary import HAS_POSE, PIVOT
 from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, GeometrySource, World
 from mindstage.scene.edits import Spawn
 
@@ -46,6 +47,7 @@ class GeometryProvider:
         self._mesh_names: frozenset[str | None] = frozenset()
         self._geometry: dict[BodyId, BodyGeometry] = {}
         self._immovable: frozenset[BodyId] = frozenset()
+        self._uncertain_poses: frozenset[BodyId] = frozenset()
         self._excluded_pairs: frozenset[tuple[BodyId, BodyId]] = frozenset()
         self._cached: tuple[tuple[BodyId, ...], GeometryMap] = ((), NO_GEOMETRY)
         self._lock = Lock()
@@ -55,7 +57,7 @@ class GeometryProvider:
         copy = self.for_knowledge(self._knowledge)
         with self._lock:
             copy._geometry, copy._immovable, copy._cached = dict(self._geometry), self._immovable, self._cached
-            copy._excluded_pairs = self._excluded_pairs
+            copy._excluded_pairs, copy._uncertain_poses = self._excluded_pairs, self._uncertain_poses
         return copy
 
     def __getstate__(self) -> dict[str, Any]:
@@ -104,6 +106,11 @@ class GeometryProvider:
 
         return find_immovable_bodies(world, self._knowledge)
 
+    def find_uncertain_poses(self, world: World) -> frozenset[BodyId]:
+        """The bodies of a world whose pose, or the origin of whose mesh, is doubtful by a finding about the map."""
+        doubted = {each.individual for each in self._knowledge.findings() if each.property in (HAS_POSE, PIVOT)}
+        return frozenset(each.id for each in world.bodies if each.iri in doubted or each.cls in doubted)
+
     @property
     def immovable(self) -> frozenset[BodyId]:
         """The bodies that were spawned as immovable ones."""
@@ -115,6 +122,7 @@ class GeometryProvider:
             world,
             geometry=self.for_world(world),
             immovable=self._immovable,
+            uncertain_poses=self._uncertain_poses,
             excluded_pairs=self._excluded_pairs,
             ground=ground,
         )
@@ -125,6 +133,7 @@ class GeometryProvider:
         with self._lock:
             self._excluded_pairs |= edit.excluded_pairs
             self._immovable |= edit.immovable - failed_ids
+            self._uncertain_poses |= edit.uncertain_poses - failed_ids
             self._geometry |= {id: fitted for id, fitted in edit.geometry.items() if id not in failed_ids}
             self._cached = ((), NO_GEOMETRY)
 

@@ -6,7 +6,7 @@ Otherwise it is simulated by MuJoCo, from a snapshot.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Container, Iterable
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -15,13 +15,23 @@ import msgspec
 import numpy as np
 
 from mindstage.engines import NullEngine, make_engine
-from mindstage.engines.base import Applied, Capability, Engine, PoseArray, SavedState
+from mindstage.engines.base import Applied, AssumingEngine, Capability, DynamicsScale, Engine, PoseArray, SavedState
 from mindstage.errors import CommitError, WorldError
 from mindstage.scene import Body, BodyId, World
-from mindstage.scene.edits import Attach, Detach, Edit, SetLabel, SetMaterials, SetPhysics, SetPoses, Spawn
-from mindstage.scene.transforms import normalized_pose_array, pose_from_array
+from mindstage.scene.edits import (
+    Attach,
+    Detach,
+    Edit,
+    SetLabel,
+    SetMaterials,
+    SetPhysics,
+    SetPoses,
+    Spawn,
+)
+from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array
 from mindstage.simulation.interaction import JointHandle, SpawnRecord
 from mindstage.simulation.joint_motion import find_joint
+from mindstage.simulation.replacing import primitives
 from mindstage.simulation.state import EngineSession
 
 __all__ = [
@@ -93,12 +103,24 @@ class EditRecordingEngine:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._edits: tuple[Edit, ...] = ()
+        self._ends: tuple[Mapping[BodyId, Array], ...] = ()
+        self._is_scaled = False
         self._was_restored = False
 
     @property
     def edits(self) -> tuple[Edit, ...]:
         """The edits since the engine was copied."""
         return self._edits
+
+    @property
+    def ends(self) -> tuple[Mapping[BodyId, Array], ...]:
+        """Of each edit, the poses right after it of the bodies that it is about, if where they are is a part of it."""
+        return self._ends
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether masses or frictions were scaled, which is no edit."""
+        return self._is_scaled
 
     @property
     def engine(self) -> Engine:
@@ -125,34 +147,55 @@ class EditRecordingEngine:
     def apply(self, edit: Edit) -> Applied:
         """See `Engine`; the same holds for the methods below."""
         applied = self._engine.apply(edit)
-        self._edits += (edit,)
+        self._record(edit, _poses_about(edit, self._engine))
         return applied
 
     def clear(self) -> None:
         self._engine.clear()
-        self._edits += (ClearWorld(),)
+        self._record(ClearWorld(), {})
+
+    def scale_dynamics(self, scales: Mapping[BodyId, DynamicsScale]) -> None:
+        self._engine.scale_dynamics(scales)
+        self._is_scaled = True
+
+    def _record(self, edit: Edit, end: Mapping[BodyId, Array]) -> None:
+        self._edits += (edit,)
+        self._ends += (end,)
 
     def save_state(self) -> SavedState:
-        return SavedState(_RecordedState(self._engine.save_state(), self._edits, self._was_restored))
+        state = self._engine.save_state()
+        return SavedState(_RecordedState(state, self._edits, self._ends, self._is_scaled, self._was_restored))
 
     def restore_state(self, state: SavedState) -> None:
         if isinstance(state, _RecordedState):
             self._engine.restore_state(state.state)
-            self._edits, self._was_restored = state.edits, state.was_restored
+            self._edits, self._ends = state.edits, state.ends
+            self._is_scaled, self._was_restored = state.is_scaled, state.was_restored
         else:
             self._engine.restore_state(state)
-            self._edits, self._was_restored = (), True
+            self._edits, self._ends, self._is_scaled, self._was_restored = (), (), False, True
 
     def add_joint_motion(self, id: BodyId, position: float) -> None:
         """Records that a joint was moved to a position [m or rad] by its drive or by pulling."""
-        self._edits += (MoveJoint(id, position),)
+        self._record(MoveJoint(id, position), {})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RecordedState:
     state: SavedState
     edits: tuple[Edit, ...] = field(repr=False)
+    ends: tuple[Mapping[BodyId, Array], ...] = field(repr=False)
+    is_scaled: bool
     was_restored: bool
+
+
+def _poses_about(edit: Edit, engine: Engine) -> Mapping[BodyId, Array]:
+    """The poses of what an edit places, attaches or detaches; other edits are the same wherever their bodies are."""
+    if not any(isinstance(each, Spawn | SetPoses | Attach | Detach) for each in primitives(edit)):
+        return {}
+    ids, poses = engine.poses()
+    rows = {id: row for row, id in enumerate(ids)}
+    return {id: poses[rows[id]] for id in edit.ids if id in rows}
 
 
 def world_with_bodies(world: World, ids: Container[BodyId], others: Container[BodyId]) -> World:
@@ -174,33 +217,92 @@ def without_bodies(world: World, ids: Collection[BodyId]) -> World:
     return world_with_bodies(world, {body.id for body in world.bodies}.difference(ids), ()) if ids else world
 
 
-def commit_edits(engine: Engine, origin: ForkOrigin | None) -> tuple[str, ...]:
-    """Makes the edits of a copy in its original; see `Simulation.commit`."""
+def commit_edits(
+    engine: Engine, origin: ForkOrigin | None, joints: Mapping[BodyId, Sequence[float]]
+) -> tuple[str, ...]:
+    """Makes the edits of a copy in its original, all or none; see `Simulation.commit`.
+
+    Args:
+        engine: the engine of the copy.
+        origin: the original.
+        joints: the positions of the joints in the copy [m or rad].
+    """
     if origin is None or not isinstance(engine, EditRecordingEngine):
         raise CommitError(reason="this simulation is not a copy; use `with sim.fork() as copy`")
     if engine.was_restored:
         raise CommitError(reason="the copy was reset to a state before it was made; call `reset` of the original")
+    if engine.is_scaled:
+        raise CommitError(reason="masses or frictions were scaled in the copy, as for a sample, which is no edit")
     if change := origin.change():
         raise CommitError(reason=f"{change}; make another copy")
-    done: list[str] = []
-    for edit in engine.edits:
-        try:
-            make_edit(origin.original, edit)
-        except WorldError as error:
-            made = f"{', '.join(done)} was done" if done else "nothing was done"
-            raise CommitError(reason=f"{edit.label}: {error} ({made})") from error
-        done.append(edit.label)
-    return tuple(done)
+    original, can_save = origin.original, Capability.SAVE in origin.original.engine.capabilities
+    before = original.engine.run(lambda engine: engine.save_state() if can_save else None, label="save")
+    done: list[Applied] = []
+    try:
+        for edit, end in zip(engine.edits, engine.ends, strict=True):
+            try:
+                done += make_edit(original, edit)
+            except WorldError as error:
+                raise CommitError(reason=f"{edit.label}: {error}") from error
+            _check_end(original, edit, end)
+        _check_joints(original, engine.edits, joints)
+    except CommitError as error:
+        for applied in reversed(done):
+            original.apply(applied.inverse)
+        if before is not None:
+            original.engine.run(lambda engine: engine.restore_state(before), label="restore", edits=True)
+        raise CommitError(reason=f"{error.reason} (nothing was done)") from error
+    return tuple(edit.label for edit in engine.edits)
 
 
-def make_edit(session: EngineSession, edit: Edit) -> None:
-    """Makes an edit of a copy, or of a recording, in a simulation; a joint is moved there by pulling again."""
+_MAX_DIFFERENCE = 1e-3
+"""A body that differs by more is elsewhere than it was in the copy [m, and parts of a unit quaternion]."""
+_MAX_JOINT_DIFFERENCE = 0.02
+"""The same for joints that are pulled again [m or rad]."""
+
+
+def _check_end(original: EngineSession, edit: Edit, end: Mapping[BodyId, Array]) -> None:
+    """Checks that an edit has placed, attached or detached bodies where it did in the copy.
+
+    Raises:
+        CommitError: time that passed in the copy has moved them, or other things.
+    """
+    ids, poses = original.engine.run(lambda engine: engine.poses()) if end else ((), np.empty((0, 7)))
+    rows = {id: row for row, id in enumerate(ids)}
+    for id, pose in end.items():
+        if id not in rows or np.abs(poses[rows[id]] - pose).max() > _MAX_DIFFERENCE:
+            where = "does not exist" if id not in rows else "is not where it was in the copy"
+            raise CommitError(reason=f"{edit.label}: {id!r} {where}, since time that passed there is not repeated")
+
+
+def _check_joints(original: EngineSession, edits: Iterable[Edit], joints: Mapping[BodyId, Sequence[float]]) -> None:
+    """Checks that joints that were pulled again are where they are in the copy.
+
+    Raises:
+        CommitError: one is not.
+    """
+    moved = {each.joint: each for each in edits if isinstance(each, MoveJoint)}
+    now = original.engine.run(lambda engine: engine.joint_positions()) if moved else {}
+    for id in moved.keys() & now.keys() & joints.keys():
+        difference = float(np.abs(np.subtract(now[id], joints[id])).max())
+        if difference > _MAX_JOINT_DIFFERENCE:
+            reason = f"{moved[id].label}: it comes to another position than in the copy, by {difference:.3f} m or rad"
+            raise CommitError(reason=reason)
+
+
+def make_edit(session: EngineSession, edit: Edit) -> tuple[Applied, ...]:
+    """Makes an edit of a copy, or of a recording, in a simulation; a joint is moved there by pulling again.
+
+    Returns:
+        What was applied; nothing for a pull, and for the removal of everything.
+    """
     if isinstance(edit, MoveJoint):
         find_joint(session, edit.joint).move_to(edit.position)
     elif isinstance(edit, ClearWorld):
         session.engine.run(lambda engine: engine.clear(), label="clear", edits=True)
     else:
-        session.apply(edit)
+        return (session.apply(edit),)
+    return ()
 
 
 def copied_engine(
@@ -240,7 +342,14 @@ def copied_engine(
     notes = [f"{engine.name} {cause}: the copy is simulated by {copied.name}, from a snapshot at rest"]
     _match_attachments(copied, present)
     notes += _match_bodies(copied, present, SpawnRecord.from_worlds((present, *worlds)))
+    _include_touching_pairs(copied)
     return copied, tuple(notes)
+
+
+def _include_touching_pairs(engine: Engine) -> None:
+    """Lets what touches in a snapshot collide, though it began inside each other when it was spawned."""
+    if isinstance(engine, AssumingEngine):
+        engine.include_touching_pairs()
 
 
 def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> tuple[str, ...]:
@@ -259,6 +368,7 @@ def match_world(engine: Engine, present: World, *, worlds: Iterable[World]) -> t
     _match_attachments(engine, present)
     _match_bodies(engine, present, spawn_record, tolerance=0.0)
     notes = _match_bodies(engine, present, spawn_record, tolerance=0.0)  # again: parents have moved since
+    _include_touching_pairs(engine)
     before = {body.id: body for body in engine.snapshot().bodies}
     for body in present.bodies:
         if body.id in before and before[body.id].materials != body.materials:

@@ -17,7 +17,7 @@ from mindstage.engines.base import Engine, PoseArray
 from mindstage.engines.kinematic_tree import AXIS_NAMES, joint_coordinates, movable_axes, pose_from_joint_coordinates
 from mindstage.ranges import Finite, checked
 from mindstage.scene import Body, BodyId, Joint, Pose, Vector, World
-from mindstage.scene.joint_kinematics import axis_ranges, handles_by_body, outward_joints
+from mindstage.scene.joint_kinematics import axis_ranges, handles_by_body, moving_body, outward_joints
 from mindstage.scene.transforms import (
     Array,
     normalize,
@@ -208,10 +208,8 @@ class JointHandle:
         if limited is not None and limited.parent == joint.parent:
             joint = replace(joint, linear=limited.linear, angular=limited.angular)
         self.joint = joint
-        self.moving_body = (
-            child if bodies[child].physics.is_dynamic or not bodies[parent].physics.is_dynamic else parent
-        )
-        """The dynamic end, which is pulled; in some maps it is the parent."""
+        self.moving_body = moving_body(joint, bodies[parent], bodies[child])[0].id
+        """The end that is pulled; in some maps it is the parent."""
         self._movable_axes = movable_axes(joint)
         self._size = bodies[self.moving_body].size or (0.0, 0.0, 0.0)
         self._held_points: dict[str, Array] = {}

@@ -6,7 +6,7 @@ The free candidate poses (`scene.placement`) are simulated until the body rests,
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 import numpy as np
@@ -20,6 +20,7 @@ from mindstage.scene import (
     BodyGeometry,
     BodyId,
     BodyPhysics,
+    GeometryMap,
     Iri,
     Mobility,
     Pose,
@@ -40,6 +41,7 @@ __all__ = [
     "make_body",
     "place_body",
     "place_item",
+    "place_items",
 ]
 
 
@@ -101,16 +103,76 @@ def place_item(
     title: str = "",
 ) -> PlacementResult:
     """Places a body, a body that exists, or a new one of a class; see `Simulation.place`."""
+    support_id, inside = _holder(on, into)
+    ((body, geometry),) = _items(simulation, [item])
+    return place_body(simulation, body, geometry, support_id=support_id, inside=inside, near=near, title=title)
+
+
+def place_items(
+    simulation: EngineSession,
+    items: Sequence[Body | str],
+    *,
+    on: str | None,
+    into: str | None,
+    room_for: Sequence[Body | str] = (),
+    title: str = "",
+) -> tuple[PlacementResult, ...]:
+    """Places several bodies where all of them fit; see `Simulation.place`.
+
+    Args:
+        items: see `place_item`.
+        room_for: what is not placed, but would fit beside them.
+    """
+    if len(items) == 1 and not room_for:
+        return (place_item(simulation, items[0], on=on, into=into, near=None, title=title),)
+    support_id, inside = _holder(on, into)
+    known = _items(simulation, [*items, *room_for])
+    names, location = ", ".join(body.id for body, _ in known), f"{'into' if inside else 'on'} {support_id}"
+    if support_id in {body.id for body, _ in known}:
+        raise NoFreePlacementError(names, location, reason="it cannot be placed on itself")
+    places = FreePlaces(simulation, without=[body.id for body, _ in known])
+    surfaces, attempts = places.surfaces(support_id, inside=inside), 0
+    for packing in places.sampler.packings(known, surfaces):
+        attempts += 1
+        placed = [
+            (msgspec.structs.replace(body, pose=pose), surface, geometry)
+            for (body, geometry), (surface, pose) in zip(known, packing, strict=True)
+        ][: len(items)]
+        geometries = {body.id: geometry for body, _, geometry in placed if geometry is not None}
+        if (rests := _try_placing(simulation, [body for body, _, _ in placed], geometries, title)) is not None:
+            return tuple(
+                PlacementResult(id=body.id, support_id=surface.body_id, pose=pose, attempts=attempts)
+                for (body, surface, _), pose in zip(placed, rests, strict=True)
+            )
+    reason = "they do not stay where they fit" if attempts else "no arrangement was found in which all of them fit"
+    raise NoFreePlacementError(names, location, reason=reason)
+
+
+def _holder(on: str | None, into: str | None) -> tuple[str, bool]:
+    """The id of the holder, and whether things are placed in it."""
     if (on is None) is (into is None):
         raise InvalidArgumentError("place", cause="it needs one holder", remedy="give either `on` or `into`")
-    if isinstance(item, str) and item in simulation.state.ids:
-        body = simulation.snapshot().body(BodyId(item))
-        geometry = simulation.geometry.get(body.id)
-    else:
+    return on or into or "", into is not None
+
+
+def _items(simulation: EngineSession, items: Sequence[Body | str]) -> list[tuple[Body, BodyGeometry | None]]:
+    """Bodies that are given, exist, or are made of a class, with their geometry."""
+    found: list[tuple[Body, BodyGeometry | None]] = []
+    snapshot, taken = simulation.snapshot(), list(simulation.state.ids)
+    for item in items:
+        if isinstance(item, str) and item in simulation.state.ids:
+            body = snapshot.body(BodyId(item))
+            found.append((body, simulation.geometry.get(body.id)))
+            continue
         body = item if isinstance(item, Body) else make_body(simulation, item)
-        geometry = simulation.fit_geometry(body)
-    support_id, inside = on or into or "", into is not None
-    return place_body(simulation, body, geometry, support_id=support_id, inside=inside, near=near, title=title)
+        if not isinstance(item, Body) and body.id in taken:  # the second one of a class
+            name = BodyId(free_id(local_name(body.cls), taken))
+            body = msgspec.structs.replace(body, id=name, iri=Iri(iri_prefix(simulation.worlds) + name))
+        taken.append(body.id)
+        found.append((body, simulation.fit_geometry(body)))
+    if len({body.id for body, _ in found}) < len(found):
+        raise InvalidArgumentError("place", cause="a thing is given twice", remedy="give each one once")
+    return found
 
 
 def place_body(
@@ -160,12 +222,9 @@ def place_body(
         for candidate in spread:
             attempts += 1
             placed = msgspec.structs.replace(body, pose=candidate)
-            if exists:
-                rest_pose = _try_move(simulation, placed, title)
-            else:
-                rest_pose = _try_placement(simulation, placed, geometry, title)
-            if rest_pose is not None:
-                return PlacementResult(id=body.id, support_id=surface.body_id, pose=rest_pose, attempts=attempts)
+            geometries = {body.id: geometry} if geometry is not None else {}
+            if (rest_poses := _try_placing(simulation, [placed], geometries, title)) is not None:
+                return PlacementResult(id=body.id, support_id=surface.body_id, pose=rest_poses[0], attempts=attempts)
             reasons.append("it does not stay there")
     raise NoFreePlacementError(body.id, location, reason="; ".join(dict.fromkeys(reasons)))
 
@@ -256,80 +315,71 @@ def _sample_poses(poses: list[Pose], count: int) -> Iterator[Pose]:
 # -- stability ---------------------------------------------------------------------------------------------------------
 
 
-def _try_placement(simulation: EngineSession, body: Body, geometry: BodyGeometry | None, title: str) -> Pose | None:
-    """Simulates a body at its pose; if it is stable, spawns it at the rest pose and returns that, else returns None."""
-    world = World(iri=simulation.worlds[0].iri, name=simulation.worlds[0].name, bodies=(body,))
-    geometries = {body.id: geometry} if geometry is not None else {}
+def _try_placing(
+    simulation: EngineSession, bodies: Sequence[Body], geometry: GeometryMap, title: str
+) -> tuple[Pose, ...] | None:
+    """Simulates bodies at their poses; if all are stable, spawns or moves them to the rest poses and returns these.
 
-    def simulate(engine: Engine) -> Pose | None:
+    Raises:
+        PoseUnreachableError: a joint of a body does not allow the pose.
+    """
+    existing = set(simulation.state.ids)
+    moved = {body.id: body.pose for body in bodies if body.id in existing}
+    added = tuple(body for body in bodies if body.id not in existing)
+    world = World(iri=simulation.worlds[0].iri, name=simulation.worlds[0].name, bodies=added) if added else None
+
+    def simulate(engine: Engine) -> tuple[Pose, ...] | None:
         before = engine.save_state() if Capability.SAVE in engine.capabilities else None
-        spawned = engine.apply(Spawn(world, geometry=geometries))
-        rest_pose = _settle(engine, body)
+        done = [engine.apply(Spawn(world, geometry=geometry))] if world is not None else []
+        if moved:
+            done.append(engine.apply(SetPoses(moved)))
+        rest_poses = _settle(engine, [body.id for body in bodies])
         if before is not None:
             engine.restore_state(before)
         else:
-            engine.apply(spawned.inverse)
-        return rest_pose
+            for each in reversed(done):
+                engine.apply(each.inverse)
+        return rest_poses
 
     timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
-    rest_pose = simulation.engine.run(simulate, label="place", timeout_s=timeout_s, edits=True)
-    if rest_pose is not None:
+    rest_poses = simulation.engine.run(simulate, label="place", timeout_s=timeout_s, edits=True)
+    if rest_poses is None:
+        return None
+    rests = dict(zip((body.id for body in bodies), rest_poses, strict=True))
+    if world is not None:
+        spawned = tuple(msgspec.structs.replace(body, pose=rests[body.id]) for body in added)
         simulation.spawn(
-            msgspec.structs.replace(world, bodies=(msgspec.structs.replace(body, pose=rest_pose),)),
-            geometry=geometries,
-            persistent=False,
-            title=title,
+            msgspec.structs.replace(world, bodies=spawned), geometry=geometry, persistent=False, title=title
         )
-    return rest_pose
+    if moved:
+        edit = SetPoses({id: rests[id] for id in moved}, title=title)
+        (simulation.edits.apply if title else simulation.apply)(edit)
+    return rest_poses
 
 
-def _try_move(simulation: EngineSession, body: Body, title: str) -> Pose | None:
-    """Simulates an existing body at its pose; if it is stable, moves it to the rest pose and returns that, else None.
-
-    Raises:
-        PoseUnreachableError: a joint of the body does not allow the pose.
-    """
-
-    def simulate(engine: Engine) -> Pose | None:
-        before = engine.save_state() if Capability.SAVE in engine.capabilities else None
-        start = _current_pose(engine, body.id)
-        engine.apply(SetPoses({body.id: body.pose}))
-        rest_pose = _settle(engine, body)
-        if before is not None:
-            engine.restore_state(before)
-        elif rest_pose is None:
-            engine.apply(SetPoses({body.id: pose_from_array(start)}))
-        return rest_pose
-
-    timeout_s = simulation.timeout_s + 10 * _MAX_SETTLE_S
-    rest_pose = simulation.engine.run(simulate, label="place", timeout_s=timeout_s, edits=True)
-    if rest_pose is not None:
-        (simulation.edits.apply if title else simulation.apply)(SetPoses({body.id: rest_pose}, title=title))
-    return rest_pose
-
-
-def _settle(engine: Engine, body: Body) -> Pose | None:
-    """Steps the engine until a body rests; returns its pose, or None if it slid, fell over or kept moving."""
-    start = before = _current_pose(engine, body.id)
+def _settle(engine: Engine, ids: Sequence[BodyId]) -> tuple[Pose, ...] | None:
+    """Steps the engine until bodies rest; returns their poses, or None if one slid, fell over or kept moving."""
+    start = before = _current_poses(engine, ids)
     elapsed_s = 0.0
     while elapsed_s < _MAX_SETTLE_S:
         engine.step(_SETTLE_STEP_S)
         elapsed_s += _SETTLE_STEP_S
-        now = _current_pose(engine, body.id)
-        if np.linalg.norm(now[:3] - start[:3]) > _MAX_SLIDE_M or _upright_cosine(start, now) < _MIN_UPRIGHT_COSINE:
+        now = _current_poses(engine, ids)
+        if np.any(np.linalg.norm(now[:, :3] - start[:, :3], axis=1) > _MAX_SLIDE_M):
+            return None
+        if min(map(_upright_cosine, start, now)) < _MIN_UPRIGHT_COSINE:
             return None
         if elapsed_s > 2 * _SETTLE_STEP_S and np.abs(now - before).max() < _REST_TOLERANCE_M:
-            position, quaternion = now[:3].tolist(), now[3:].tolist()
-            return Pose((position[0], position[1], position[2]), tuple(quaternion))
+            return tuple(pose_from_array(each) for each in now)
         before = now
     return None
 
 
-def _current_pose(engine: Engine, id: BodyId) -> Array:
+def _current_poses(engine: Engine, wanted: Sequence[BodyId]) -> Array:
     ids, poses = engine.poses()
-    row: Array = poses[ids.index(id)].copy()
-    row[3:] = normalize(row[3:])
-    return row
+    rows: Array = poses[[ids.index(id) for id in wanted]].copy()
+    rows[:, 3:] = normalize(rows[:, 3:])
+    return rows
 
 
 def _upright_cosine(start: Array, now: Array) -> float:

@@ -11,7 +11,7 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, overload
@@ -83,7 +83,7 @@ from mindstage.simulation.observation import (
     Observers,
     current_client,
 )
-from mindstage.simulation.placement import PlacementResult, make_body, place_item
+from mindstage.simulation.placement import PlacementResult, make_body, place_item, place_items
 from mindstage.simulation.replacing import KeptWorld, ReplaceWorld, additions, edit_timeout_s, primitives
 from mindstage.simulation.state import SessionEdit, SimulationBody, StateSnapshot, find_body
 from mindstage.simulation.undo import Edits, StartState
@@ -294,8 +294,9 @@ class Simulation:
         """Fits geometry to a world, makes the edit that spawns it, and keeps the report of both."""
         with self._tick_delay.preparing():
             fitted = provider.fit(world, geometry=geometry)
-            immovable = provider.find_immovable(world)
-        applied = make(Spawn(world, geometry=fitted.geometry, immovable=immovable.ids, **options))
+            immovable, uncertain = provider.find_immovable(world), provider.find_uncertain_poses(world)
+        spawn = Spawn(world, geometry=fitted.geometry, immovable=immovable.ids, uncertain_poses=uncertain, **options)
+        applied = make(spawn)
         report = with_immovable_notes(applied.report, immovable)
         report = with_geometry_notes(report, fitted, (body.id for body in world.bodies))
         self._reports = tuple(report if each is applied.report else each for each in self._reports)
@@ -731,17 +732,19 @@ class Simulation:
     def commit(self) -> tuple[str, ...]:
         """Makes the edits of this copy in its original: spawned, deleted, moved and attached bodies, moved joints.
 
-        Edits are repeated, their outcome is not: joints are moved by pulling again, and time that passed in the copy is
-        not stepped in the original.
+        All of them are made, with bodies and joints where they were in the copy, or none: time that passed in the copy
+        is not stepped in the original, and what it has moved there cannot be attached or detached here. Joints are
+        moved by pulling again.
 
         Returns:
             The edits that were made, in words.
 
         Raises:
             CommitError: this is not a copy, or the original has changed since it was copied, or an edit is not possible
-                there.
+                there, or has another result; nothing was done.
         """
-        return commit_edits(self._engine, self._origin)
+        joints = self.engine.run(lambda engine: engine.joint_positions())
+        return commit_edits(self._engine, self._origin, joints)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to make an equal copy; only copies without a thread can be pickled."""
@@ -833,7 +836,7 @@ class Simulation:
         """Creates a body of a class for `place`, which raises the same errors, by default of the class's size [m]."""
         return make_body(self, cls, id=id, size=size)
 
-    @checked
+    @overload
     def place(
         self,
         item: Body | str,
@@ -842,15 +845,42 @@ class Simulation:
         into: str | None = None,
         near: Point | None = None,
         title: str = "",
-    ) -> PlacementResult:
+    ) -> PlacementResult: ...
+
+    @overload
+    def place(
+        self,
+        item: list[str] | tuple[Body | str, ...],
+        *,
+        on: str | None = None,
+        into: str | None = None,
+        title: str = "",
+        room_for: Sequence[Body | str] = (),
+    ) -> tuple[PlacementResult, ...]: ...
+
+    @checked
+    def place(
+        self,
+        item: Body | str | list[str] | tuple[Body | str, ...],
+        *,
+        on: str | None = None,
+        into: str | None = None,
+        near: Point | None = None,
+        title: str = "",
+        room_for: Sequence[Body | str] = (),
+    ) -> PlacementResult | tuple[PlacementResult, ...]:
         """Spawns a body on or in another one, at a free pose at which it stays; an existing body is moved there.
 
+        Several bodies are placed at once, where all of them fit.
+
         Args:
-            item: a body, whose pose is ignored, the id of one that exists, or the name of a class for a new one.
+            item: a body, whose pose is ignored, the id of one that exists, or the name of a class for a new one; or a
+                list or tuple of them.
             on: the id of the body to place it on.
             into: the id of the body to place it in, including its parts and drawers.
             near: a point that it is placed near, in the world frame [m].
             title: the name of the edit in the undo history; without one it cannot be undone.
+            room_for: with a list or tuple, what is to be placed there afterwards, and for which room is left.
 
         Raises:
             BodyNotFoundError: the holder does not exist.
@@ -858,6 +888,10 @@ class Simulation:
             NameNotFoundError: no class has that name.
             InvalidArgumentError: not exactly one of `on` and `into` is given, or the size of the class is unknown.
         """
+        if not isinstance(item, Body | str):
+            if near is not None:
+                raise InvalidArgumentError("near", cause="only one thing is placed near a point")
+            return place_items(self, item, on=on, into=into, room_for=room_for, title=title)
         placed = place_item(self, item, on=on, into=into, near=near, title=title)
         return replace(placed, expected_rebuild_s=self._state.expected_rebuild_s)
 

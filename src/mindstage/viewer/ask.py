@@ -133,7 +133,7 @@ def question_form(question: Question[Any]) -> QuestionForm:
         _Parameter(
             each.name,
             each.type_text,
-            each.choices,
+            ("true", "false") if each.value_type is bool else each.choices,
             each.value_type.name if isinstance(each.value_type, EntityType) else "",
         )
         for each in question.arguments

@@ -21,6 +21,7 @@ from mindstage.access.policies import READ, RUN, SPAWN
 from mindstage.access.resources import without_paths
 from mindstage.errors import InvalidArgumentError, MindstageError
 from mindstage.imagination import Place, PlanFile, Progress, Verdict, act, evaluate_plan, validate_plan
+from mindstage.imagination.acting import is_changed
 from mindstage.imagination.trials import physical_simulation, plan_from_text
 from mindstage.rdf.graphs import local_name
 from mindstage.rendering.appearance import BodyAppearance, compute_appearance
@@ -91,6 +92,8 @@ class PlanHandler:
         self._drawn: dict[str, tuple[GhostGroup, ...]] = {}
         self._revision = -1
         self._added: dict[BodyId, BodyAppearance] = {}
+        self._tried: StateSnapshot | None = None
+        """The state of which the shown verdict is."""
         """How bodies are drawn that exist in the copies only."""
         self._replay: ReplayGhosts | None = None
         self._replay_start: float | None = None
@@ -146,6 +149,7 @@ class PlanHandler:
             if drawn.get(layer) is not groups:
                 self._nodes.show(layer, groups, appearances)
         self._drawn = layers
+        self._clear_outdated(snapshot)
         copies = self._copies.update(self._simulation, snapshot, appearances)
         if copies is not None:
             shown = [
@@ -154,6 +158,15 @@ class PlanHandler:
             ]
             self._channel.publish("copies", {"shown": self._copies.is_shown, "copies": shown})
         return start is not None
+
+    def _clear_outdated(self, now: StateSnapshot) -> None:
+        """Removes a verdict, and what shows it, once the world is another one than that it is about."""
+        with self._lock:
+            if self._tried is None or self._state["state"] != "done" or not is_changed(self._tried, now):
+                return
+            self._layers, self._replay, self._tried = {}, None, None
+            self._state = {"state": "outdated"}
+        self._publish()
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
@@ -216,17 +229,18 @@ class PlanHandler:
         self._set_state({"state": "acted", "outcome": result.outcome.value, "why": why})
 
     def _run(self, *, plan: Any, **options: Any) -> None:
+        tried = self._simulation.state
         with physical_simulation(self._simulation) as simulation:
             verdict = evaluate_plan(simulation, plan, **options, progress=self._on_progress, cancel=self._cancel.is_set)
-            self._finish(verdict)
+            self._finish(verdict, tried)
 
-    def _finish(self, verdict: Verdict) -> None:
+    def _finish(self, verdict: Verdict, tried: StateSnapshot) -> None:
         groups, added = end_pose_ghosts(verdict), self._added_appearances(verdict)
         replay = ReplayGhosts(verdict.replay().frames) if verdict.first_failure is not None else None
         shown = max((len(group.poses) for group in groups), default=0)
         with self._lock:
             self._layers, self._replay, self._replay_start = {_END_POSES: groups}, replay, None
-            self._added = added
+            self._added, self._tried = added, tried
         drawn = [group.body for group in groups]
         self._set_state(
             {
@@ -255,8 +269,10 @@ class PlanHandler:
         ends = {BodyId(id) for result in verdict.results for id in result.end_poses} - existing
         found: dict[BodyId, BodyAppearance] = {}
         for step in verdict.plan.steps if ends else ():
-            if isinstance(step, Place) and step.thing not in existing:
-                body = self._simulation.make_body(step.thing)
+            for thing in step.things if isinstance(step, Place) else ():
+                if thing in existing:
+                    continue
+                body = self._simulation.make_body(thing)
                 named = [id for id in ends if id.rpartition("_")[0] == local_name(body.cls)]
                 world = World(iri=body.iri, bodies=tuple(replace(body, id=id) for id in named))
                 found |= compute_appearance(world, knowledge.shape_rule, knowledge.ancestors)

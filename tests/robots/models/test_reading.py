@@ -6,17 +6,25 @@ import pickle
 import re
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from mindstage.engines import NullEngine
+from mindstage.engines.mujoco.engine import MujocoEngine
 from mindstage.errors import RobotModelError, RobotNotFoundError
 from mindstage.knowledge import KnowledgeBase
-from mindstage.robots import add_robot
+from mindstage.robots import add_robot, drives
+from mindstage.robots.abilities import profile_of_model
+from mindstage.robots.collisions import CollisionChecker
 from mindstage.robots.models import catalog
 from mindstage.robots.models.catalog import find_model, list_models
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
@@ -626,6 +634,309 @@ def test_links_beside_one_joint_cannot_collide() -> None:
     assert ("column_link", "lift_link") in disabled
     assert all(first < second for first, second in disabled)
     assert ("base_link", "gripper_link") not in disabled
+
+
+# -- grippers, measured ------------------------------------------------------------------------------------------------
+
+LINKED = """
+<mujoco model="linked">
+  <compiler angle="radian"/>
+  <default><geom mass="0.1"/></default>
+  <worldbody>
+    <body name="hand"><geom type="box" size="0.02 0.05 0.03"/>
+      <body name="a" pos="0.02 0.03 0"><joint name="a_crank" axis="0 0 -1" range="0 0.8"/>
+        <geom type="box" size="0.02 0.005 0.01" pos="0.02 0.01 0"/>
+        <body name="a_end" pos="0.05 0.02 0"><joint name="a_end_joint" axis="0 0 -1" range="-0.9 0.9"/>
+          <geom name="a_pad" type="box" size="0.025 0.005 0.012" pos="0.025 -0.005 0"/></body></body>
+      <body name="a_rod" pos="0.02 0.015 0"><joint name="a_rod_joint" axis="0 0 -1" range="-0.9 0.9"/>
+        <geom type="box" size="0.02 0.003 0.008" pos="0.025 0.01 0"/></body>
+      <body name="b" pos="0.02 -0.03 0"><joint name="b_crank" axis="0 0 1" range="0 0.8"/>
+        <geom type="box" size="0.02 0.005 0.01" pos="0.02 -0.01 0"/>
+        <body name="b_end" pos="0.05 -0.02 0"><joint name="b_end_joint" axis="0 0 1" range="-0.9 0.9"/>
+          <geom name="b_pad" type="box" size="0.025 0.005 0.012" pos="0.025 0.005 0"/></body></body>
+      <body name="b_rod" pos="0.02 -0.015 0"><joint name="b_rod_joint" axis="0 0 1" range="-0.9 0.9"/>
+        <geom type="box" size="0.02 0.003 0.008" pos="0.025 -0.01 0"/></body>
+    </body>
+  </worldbody>
+  <contact><exclude body1="hand" body2="a_rod"/><exclude body1="hand" body2="b_rod"/></contact>
+  <tendon>
+    <fixed name="a_level"><joint joint="a_crank" coef="1"/><joint joint="a_end_joint" coef="1"/></fixed>
+    <fixed name="b_level"><joint joint="b_crank" coef="1"/><joint joint="b_end_joint" coef="1"/></fixed>
+  </tendon>
+  <equality>
+    {equalities}
+    <joint joint1="{first}" joint2="{second}" polycoef="0 1 0 0 0"/>
+  </equality>
+  <actuator><position name="grip" joint="{drive}" kp="20" ctrlrange="0 0.8" forcerange="-4 4"/></actuator>
+</mujoco>
+"""
+TENDONS = """
+  <tendon tendon1="a_level"/><tendon tendon1="b_level"/>
+  <joint joint1="a_rod_joint" joint2="a_crank"/><joint joint1="b_rod_joint" joint2="b_crank"/>
+"""
+LOOPS = """
+  <connect body1="a_rod" body2="a_end" anchor="0.05 0.02 0"/>
+  <connect body1="b_rod" body2="b_end" anchor="0.05 -0.02 0"/>
+"""
+
+
+def settled_opening(path: Path, command: float) -> float:
+    """The distance of the pads when MuJoCo holds the actuator at a command [m]: the referee."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.opt.gravity[:] = 0.0
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+    data.ctrl[0] = command
+    mujoco.mj_step(model, data, nstep=3000)
+    return mujoco.mj_geomDistance(model, data, model.geom("a_pad").id, model.geom("b_pad").id, 1.0, None)
+
+
+@pytest.mark.parametrize("drive", ["a_crank", "b_crank"])
+@pytest.mark.parametrize("equalities", [TENDONS, LOOPS], ids=["tendons", "loops"])
+def test_a_linked_gripper_of_mjcf_has_one_drive_and_the_opening_that_mujoco_settles_at(
+    tmp_path: Path, equalities: str, drive: str
+) -> None:
+    others = {"a_crank": "b_crank", "b_crank": "a_crank"}
+    text = LINKED.format(equalities=equalities, first=drive, second=others[drive], drive=drive)
+    path = written(tmp_path, text, "linked.xml")
+    (gripper,) = load_model(path).grippers
+    assert gripper.type is GripperType.PARALLEL
+    assert gripper.joints == (drive,)
+    assert gripper.max_opening_m == pytest.approx(0.08, abs=1e-3), "2 x (0.03 + 0.02 - 0.01)"
+    assert gripper.max_opening_m == pytest.approx(settled_opening(path, gripper.open_positions[0]), abs=1e-3)
+    assert settled_opening(path, gripper.closed_positions[0]) == pytest.approx(0.0, abs=1e-3)
+    assert {"a_end", "b_end"} <= set(gripper.finger_links)
+
+
+JAW = """
+<robot name="jaw">
+  <link name="base">{box}</link>
+  <link name="wrist">
+    <collision><origin xyz="0.05 0 0"/><geometry><box size="0.1 0.02 0.02"/></geometry></collision>
+  </link>
+  <link name="{child}">
+    <collision><origin xyz="0.05 0.005 0"/><geometry><box size="0.1 0.01 0.02"/></geometry></collision>
+  </link>
+  <joint name="turn" type="continuous"><parent link="base"/><child link="wrist"/><axis xyz="1 0 0"/></joint>
+  <joint name="{joint}" type="revolute">
+    <parent link="wrist"/><child link="{child}"/><origin xyz="0 0.01 0"/><axis xyz="0 0 {sign}"/>
+    <limit lower="{lower}" upper="{upper}" effort="2" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize(("sign", "lower", "upper"), [(1, 0.0, 1.5), (-1, -1.5, 0.0), (1, -0.2, 1.5)])
+@pytest.mark.parametrize(("joint", "child"), [("gripper", "moving_part"), ("j6", "jaw")])
+def test_an_only_jaw_closes_on_what_carries_it(
+    tmp_path: Path, joint: str, child: str, sign: int, lower: float, upper: float
+) -> None:
+    text = JAW.format(box=BOX, joint=joint, child=child, sign=sign, lower=lower, upper=upper)
+    model = load_model(written(tmp_path, text))
+    (gripper,) = model.grippers
+    assert gripper.joints == (joint,)
+    assert set(gripper.finger_links) == {"wrist", child}
+    assert abs(gripper.closed_positions[0]) < 0.02, "where the jaws touch, not where the range ends"
+    # The jaw is a plate of 0.1 m: at angle q its lower side is tan(q) x above the wrist, up to x = 0.1 m cos(q).
+    x = gripper.grasp_pose.position[0] + 0.008
+    angle = abs(gripper.open_positions[0])
+    assert x <= 0.1 * np.cos(angle) + 0.01 * np.sin(angle) + 0.02
+    assert gripper.max_opening_m == pytest.approx(np.tan(angle) * gripper.grasp_pose.position[0], abs=0.02)
+    assert 0.04 < gripper.max_opening_m < 0.1
+    assert any("its only finger closes on wrist" in note.text for note in model.notes)
+
+
+def hand(names: tuple[str, ...], *, toward: float, visual: bool = False) -> str:
+    """A palm with two plates on slides, 0.1 m apart at 0, which move by 0.04 m each."""
+    shape = '<geometry><box size="0.04 0.01 0.02"/></geometry>'
+    tag = "visual" if visual else "collision"
+    palm, left, right = names
+    fingers = "".join(
+        f'<link name="{name}"><{tag}><origin xyz="0.05 0 0"/>{shape}</{tag}></link>'
+        f'<joint name="{name}_j" type="prismatic"><parent link="{palm}"/><child link="{name}"/>'
+        f'<origin xyz="0 {side * 0.055} 0"/><axis xyz="0 {-side * toward} 0"/>'
+        '<limit lower="0" upper="0.04" effort="10" velocity="0.1"/></joint>'
+        for name, side in ((left, 1), (right, -1))
+    )
+    return f'<robot name="r"><link name="{palm}">{BOX}</link>{fingers}</robot>'
+
+
+def test_fingers_are_found_by_what_they_do(tmp_path: Path) -> None:
+    model = load_model(written(tmp_path, hand(("p", "u", "v"), toward=1.0)))
+    (gripper,) = model.grippers
+    assert gripper.max_opening_m == pytest.approx(0.1)
+    assert set(gripper.joints) == {"u_j", "v_j"}
+    assert any("since these close on each other" in note.text for note in model.notes)
+    away = load_model(written(tmp_path, hand(("p", "u", "v"), toward=-1.0)))
+    assert away.grippers[0].max_opening_m == pytest.approx(0.18)
+    assert any("still 100 mm apart when it is closed" in note.text for note in away.notes)
+
+
+def test_fingers_without_collision_shapes_get_those_of_their_visual_meshes(tmp_path: Path) -> None:
+    model = load_model(written(tmp_path, hand(("palm", "left_finger", "right_finger"), toward=1.0, visual=True)))
+    assert model.grippers[0].max_opening_m == pytest.approx(0.1)
+    assert {note.subject for note in model.notes if "no collision shapes" in note.text} == {
+        "left_finger",
+        "right_finger",
+    }
+
+
+def test_a_spring_drives_no_gripper(tmp_path: Path) -> None:
+    text = hand(("palm", "left_finger", "right_finger"), toward=1.0)
+    spring = (
+        '<link name="pad"><collision><geometry><box size="0.01 0.01 0.01"/></geometry></collision></link>'
+        '<joint name="finger_spring_joint" type="prismatic"><parent link="left_finger"/><child link="pad"/>'
+        '<origin xyz="0.06 0 0"/><axis xyz="0 1 0"/>'
+        '<limit lower="-0.001" upper="0.001" effort="1" velocity="1"/></joint>'
+    )
+    model = load_model(written(tmp_path, text.replace("</robot>", f"{spring}</robot>")))
+    assert set(model.grippers[0].joints) == {"left_finger_j", "right_finger_j"}
+    assert any(note.subject == "finger_spring_joint" and "spring" in note.text for note in model.notes)
+
+
+def test_a_suction_cup_is_no_gripper_and_the_robot_says_so(tmp_path: Path) -> None:
+    cup = '<link name="suction_cup"/><joint name="j" type="fixed"><parent link="b"/><child link="suction_cup"/></joint>'
+    model = load_model(written(tmp_path, TWO_LINKS.replace("</robot>", f"{cup}</robot>")))
+    assert model.grippers == ()
+    (note,) = (note for note in model.notes if note.subject == "suction_cup")
+    assert "is not simulated" in note.text
+
+
+def test_a_gripper_that_nothing_moves_is_none_and_the_robot_says_so(tmp_path: Path) -> None:
+    tool = (
+        '<link name="gripper_body"/><joint name="j" type="fixed"><parent link="b"/><child link="gripper_body"/></joint>'
+    )
+    model = load_model(written(tmp_path, TWO_LINKS.replace("</robot>", f"{tool}</robot>")))
+    assert model.grippers == ()
+    (note,) = (note for note in model.notes if note.subject == "gripper_body")
+    assert "no joint moves it" in note.text
+
+
+def test_fingers_that_overlap_are_no_gripper_and_nothing_can_be_picked_up(tmp_path: Path) -> None:
+    thick = hand(("palm", "left_finger", "right_finger"), toward=1.0).replace("0.04 0.01 0.02", "0.04 0.12 0.02")
+    model = load_model(written(tmp_path, thick))
+    assert [each.max_opening_m for each in model.grippers] == [0.0]
+    assert any("at most 0 mm apart" in note.text for note in model.notes)
+    classes = {str(cls) for part in profile_of_model(model).components for cls in part.classes}
+    assert not any(name in cls for cls in classes for name in ("Gripper", "Hand", "GraspController"))
+
+
+@given(st.integers(0, 10_000))
+@settings(deadline=None)
+def test_no_description_of_a_hand_ends_in_a_traceback(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    words = ("gripper", "finger", "jaw", "spring", "hook", "link", "proximal", "thumb", "wrist")
+    parts = [f'<link name="l0">{BOX}</link>']
+    for number in range(1, int(random.integers(2, 8))):
+        name = f"{random.choice(words)}_{number}"
+        parent = ["l0", *re.findall(r'<link name="(\w+_\d)"', "".join(parts))][int(random.integers(0, number))]
+        shape = f"<{random.choice(['collision', 'visual'])}>"
+        size = " ".join(f"{each:.3f}" for each in random.uniform(0.0, 0.1, 3).round(2))
+        body = (
+            f'{shape}<geometry><box size="{size}"/></geometry>{shape.replace("<", "</")}'
+            if random.random() < 0.7
+            else ""
+        )
+        kind = random.choice(["revolute", "continuous", "prismatic", "fixed", "floating"])
+        mimic = '<mimic joint="l0"/>' if random.random() < 0.1 else ""
+        if number > 1 and random.random() < 0.3:
+            mimic = f'<mimic joint="j{int(random.integers(1, number))}" multiplier="-1"/>'
+        low, high = sorted(random.uniform(-2.0, 2.0, 2).round(int(random.integers(0, 3))))
+        axis = random.choice(["1 0 0", "0 1 0", "0 0 -1", "1 1 0"])
+        offset = " ".join(map(str, random.uniform(-0.1, 0.1, 3).round(2)))
+        parts.append(
+            f'<link name="{name}">{body}</link><joint name="j{number}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="{name}"/><origin xyz="{offset}"/><axis xyz="{axis}"/>{mimic}'
+            f'<limit lower="{low}" upper="{high}" effort="1" velocity="1"/></joint>'
+        )
+    with TemporaryDirectory() as folder:
+        model = load_model(written(Path(folder), f'<robot name="r">{"".join(parts)}</robot>'))
+    for gripper in model.grippers:
+        assert gripper.max_opening_m >= 0.0
+        assert (gripper.type is GripperType.PARALLEL) == (gripper.max_opening_m > 0.0)
+        assert drives.finger_links_by_finger(model, gripper)
+
+
+# -- bases that joints move --------------------------------------------------------------------------------------------
+
+
+def test_joints_that_move_the_whole_robot_become_one_planar_joint(tmp_path: Path) -> None:
+    order = (("x", "prismatic", "1 0 0"), ("y", "prismatic", "0 1 0"), ("yaw", "continuous", "0 0 1"))
+    joints, parent = "", "odom"
+    for name, kind, axis in order:
+        child = "a" if name == "yaw" else f"moved_{name}"
+        joints += (
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><axis xyz="{axis}"/>'
+            '<limit lower="-9" upper="9" effort="1" velocity="1"/></joint>'
+        )
+        parent = child
+    links = "".join(f'<link name="{name}"/>' for name in ("odom", "moved_x", "moved_y"))
+    model = load_model(written(tmp_path, TWO_LINKS.replace("</robot>", f"{links}{joints}</robot>")))
+    assert (model.base.type, model.root) == (BaseType.PLANAR, "a")
+    assert [joint.name for joint in model.joints] == ["turn"]
+    assert any("instead of by x, y, yaw" in note.text for note in model.notes)
+
+
+def test_one_slide_is_a_rail_and_no_driving_base(tmp_path: Path) -> None:
+    text = MJCF.replace('<joint name="r:y" type="slide" axis="0 1 0"/>', "")
+    model = load_model(written(tmp_path, text, "rail.xml"))
+    assert model.base.type is BaseType.FIXED
+    assert [joint.name for joint in model.actuated_joints] == ["x", "pan", "tilt"]
+
+
+# -- self-collisions ---------------------------------------------------------------------------------------------------
+
+
+def channel() -> str:
+    """An OBJ file: a back plate and two side walls, open to the front; its hull is the whole box."""
+    boxes = (
+        ((-0.11, -0.09), (-0.15, 0.15)),
+        ((-0.11, 0.1), (-0.15, -0.13)),
+        ((-0.11, 0.1), (0.13, 0.15)),
+    )
+    meshes = [trimesh.creation.box(bounds=np.array([[x0, y0, -0.1], [x1, y1, 0.1]])) for (x0, x1), (y0, y1) in boxes]
+    return trimesh.util.concatenate(meshes).export(file_type="obj")
+
+
+IN_A_CHANNEL = """
+<robot name="r">
+  <link name="base">{box}</link>
+  <link name="torso"><collision><geometry><mesh filename="channel.obj"/></geometry></collision></link>
+  <link name="pan"><collision><geometry><sphere radius="0.02"/></geometry></collision></link>
+  <link name="bar">
+    <collision><origin xyz="0.1 0 0"/><geometry><box size="0.2 0.02 0.02"/></geometry></collision>
+  </link>
+  {more}
+  <joint name="up" type="fixed"><parent link="base"/><child link="torso"/><origin xyz="0 0 0.5"/></joint>
+  <joint name="turn" type="revolute"><parent link="torso"/><child link="pan"/><axis xyz="0 0 1"/>{limit}</joint>
+  <joint name="nod" type="revolute"><parent link="pan"/><child link="bar"/><axis xyz="0 1 0"/>{limit}</joint>
+</robot>
+"""
+LIMIT = '<limit lower="-1.2" upper="1.2" effort="1" velocity="1"/>'
+
+
+def test_an_arm_moves_in_the_hollow_of_a_torso_and_not_through_its_walls(tmp_path: Path) -> None:
+    (tmp_path / "channel.obj").write_text(channel())
+    small, more = BOX.replace("0.1 0.1 0.1", "0.02 0.02 0.02"), ""
+    for parent, child in pairwise(("bar", "l1", "l2", "l3")):
+        more += (
+            f'<link name="{child}">{small}</link><joint name="{child}_j" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="0.2 0 0"/><axis xyz="0 1 0"/>{LIMIT}</joint>'
+        )
+    path = written(tmp_path, IN_A_CHANNEL.format(box=BOX, more=more, limit=LIMIT))
+    hull = load_model(path, cache=tmp_path / "cache")
+    assert ("bar", "torso") in hull.disabled_collisions, "they always touch by their hulls, as for MoveIt"
+    model = load_model(path, cache=tmp_path / "cache", divide=True)
+    assert any(note.subject == "bar, torso" and "divided" in note.text for note in model.notes)
+    assert ("bar", "torso") not in model.disabled_collisions
+    sim = Simulation(KnowledgeBase(), engine=MujocoEngine())
+    checker = CollisionChecker(add_robot(sim, model))
+    assert checker.find_at({"turn": 0.0}) is None
+    assert checker.find_at({"turn": 0.4}) is None
+    hit = checker.find_at({"turn": 1.0})
+    assert hit is not None
+    assert {str(hit.part), str(hit.obstacle)} == {"bar", "torso"}
+    sim.close()
 
 
 # -- the catalog -------------------------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ from mindstage.engines.mujoco.state import (
 )
 from mindstage.engines.physics_model import check_joint_limits
 from mindstage.errors import EngineClosedError, PoseUnreachableError, SimulationDivergedError
-from mindstage.ranges import Count, Finite, ForceVector, Point, TimeStep, checked
+from mindstage.ranges import Count, Finite, ForceVector, Length, Point, TimeStep, checked
 from mindstage.scene import BodyGeometry, BodyId, Color, Pose, World
 from mindstage.scene.edits import Edit
 from mindstage.scene.joint_kinematics import coupled_positions, first_movable_axis
@@ -367,6 +367,19 @@ class MujocoEngine(EditingEngine):
         """
         return self._require_open().model()
 
+    @checked
+    def compiled_near(self, ids: Collection[BodyId], *, within_m: Length) -> CompiledModel:
+        """A model of what is within a distance of the box around some bodies, with its state.
+
+        For a world with one region it is the result of `compiled`. Otherwise it is made for the call, and costs what is
+        near: other bodies are not in it, and those of kinematic trees are, wherever their parts are.
+
+        Args:
+            ids: the bodies.
+            within_m: the distance [m].
+        """
+        return self._require_open().model_near(ids, within_m)
+
     def join_regions(self) -> None:
         """Simulates the whole world in one model from now on, however large it is."""
         self._require_open().join()
@@ -384,6 +397,12 @@ class MujocoEngine(EditingEngine):
     def assumptions(self) -> tuple[str, ...]:
         """See `AssumingEngine`."""
         return self._require_open().builder.assumptions
+
+    def include_touching_pairs(self) -> None:
+        """See `AssumingEngine`."""
+        cache = self._require_open()
+        cache.update()
+        cache.include_separated_pairs(are_touching=True)
 
     @property
     def notes(self) -> tuple[SpawnNote, ...]:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mindstage.access.resources import is_inside
+from mindstage.engines.mujoco.joint_couplings import joint_couplings, tendon_joints
 from mindstage.errors import RobotModelError, without_surrogates
 from mindstage.scene import Color
 from mindstage.scene.transforms import Array
@@ -67,12 +68,16 @@ class MjcfJoint:
     """Its position at which the body is at its given pose [m or rad]."""
     range: tuple[float, float] | None
     effort: float | None
-    """The largest force or moment of its actuators; None if they have no limit, or there are none."""
+    """The largest force or moment of its actuators, and of those of the joints that follow it; None if they have no
+    limit, or there are none."""
     damping: float
     friction: float
     armature: float
     mimic: tuple[str, float, float] | None
-    """The joint that it follows by an equality constraint, the factor, and the offset."""
+    """The joint that it follows by equality constraints, the factor, and the offset; without a name if they hold it at
+    the offset."""
+    mimic_error: float
+    """Largest distance from there, since a loop couples joints by other curves than lines [m or rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,6 +229,7 @@ class _MjcfReader:
         self.model, self.name = model, name
         self.body_names = [self._name(mujoco.mjtObj.mjOBJ_BODY, row) or f"body{row}" for row in range(model.nbody)]
         self.joint_names = [self._name(mujoco.mjtObj.mjOBJ_JOINT, row) or f"joint{row}" for row in range(model.njnt)]
+        self.couplings = joint_couplings(model)
 
     def _name(self, type: Any, row: int) -> str:
         return mujoco.mj_id2name(self.model, type, row) or ""
@@ -267,7 +273,7 @@ class _MjcfReader:
 
     def _joint(self, row: int) -> MjcfJoint:
         model = self.model
-        dof = int(model.jnt_dofadr[row])
+        dof, coupling = int(model.jnt_dofadr[row]), self.couplings.get(row)
         lower, upper = model.jnt_range[row].tolist()
         return MjcfJoint(
             name=self.joint_names[row],
@@ -280,35 +286,39 @@ class _MjcfReader:
             damping=float(np.ravel(model.dof_damping[dof])[0]),
             friction=float(model.dof_frictionloss[dof]),
             armature=float(model.dof_armature[dof]),
-            mimic=self._mimic(row),
+            mimic=None if coupling is None else (self._leader(coupling.leader), coupling.multiplier, coupling.offset),
+            mimic_error=0.0 if coupling is None else coupling.error,
         )
 
+    def _leader(self, row: int) -> str:
+        return self.joint_names[row] if row >= 0 else ""
+
     def _effort(self, joint: int) -> float | None:
-        """The limit of the joint, or the sum of the limits of its actuators."""
+        """The effort of a joint and those that follow it, by virtual work."""
+        own = self._own_effort(joint)
+        followers = ((row, each.multiplier) for row, each in self.couplings.items() if each.leader == joint)
+        return own + sum(abs(multiplier) * self._own_effort(row) for row, multiplier in followers) or None
+
+    def _own_effort(self, joint: int) -> float:
+        """The limit of the joint, or the sum of the limits of its actuators; 0 without one."""
         model = self.model
         if model.jnt_actfrclimited[joint]:
             return float(np.abs(model.jnt_actfrcrange[joint]).max())
         total = 0.0
         for row in range(model.nu):
-            if model.actuator_trntype[row] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[row, 0] != joint:
-                continue
-            gear = abs(float(model.actuator_gear[row, 0]))
+            target, ratio = int(model.actuator_trnid[row, 0]), 0.0
+            if model.actuator_trntype[row] == mujoco.mjtTrn.mjTRN_JOINT:
+                ratio = float(target == joint)
+            elif model.actuator_trntype[row] == mujoco.mjtTrn.mjTRN_TENDON:
+                ratio = abs(tendon_joints(model, target).get(joint, 0.0))
+            gear = ratio * abs(float(model.actuator_gear[row, 0]))
             is_motor = model.actuator_biastype[row] == mujoco.mjtBias.mjBIAS_NONE
             if model.actuator_forcelimited[row]:
                 total += gear * float(np.abs(model.actuator_forcerange[row]).max())
             elif is_motor and model.actuator_ctrllimited[row]:
                 gain = abs(float(model.actuator_gainprm[row, 0]))
                 total += gear * gain * float(np.abs(model.actuator_ctrlrange[row]).max())
-        return total or None
-
-    def _mimic(self, joint: int) -> tuple[str, float, float] | None:
-        model = self.model
-        for row in range(model.neq):
-            is_joint = model.eq_type[row] == mujoco.mjtEq.mjEQ_JOINT
-            if is_joint and model.eq_obj1id[row] == joint and model.eq_obj2id[row] >= 0:
-                offset, factor = (float(number) for number in model.eq_data[row, :2])
-                return self.joint_names[int(model.eq_obj2id[row])], factor, offset
-        return None
+        return total
 
     def _geom(self, row: int) -> MjcfGeom | None:
         model = self.model

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,10 @@ from mindstage.engines.mujoco.regions import (
     reach_of,
 )
 from mindstage.engines.mujoco.state import (
+    STIFFENING,
     CompiledModel,
+    FastContact,
+    FastGroup,
     limit_stiffness,
     scale_model,
     set_commands,
@@ -79,8 +83,8 @@ class ModelCache:
         """Number of time steps since falling bodies and the borders of regions were checked."""
         self._is_moved = False
         """Whether a body was moved in place since then."""
-        self.fast: dict[BodyId, float] = {}
-        """Bodies for which time steps are divided until then, with the friction of what they hit."""
+        self.fast: dict[BodyId, FastContact] = {}
+        """The roots of the groups for which time steps are divided until then."""
         self.last_rebuild: RebuildTime | None = None
         """When the model was compiled last."""
         self._cost_ratio = 1.0
@@ -143,6 +147,20 @@ class ModelCache:
         if with_poses:
             compiled.update_poses()
         return compiled
+
+    def model_near(self, ids: Collection[BodyId], within_m: float) -> CompiledModel:
+        """The current model of what is within a distance of the box around some bodies; see `MujocoEngine`."""
+        self.update()
+        if self.tables is None or self._is_whole():
+            return self.model()
+        reach = self.bounds(ids) + np.array([[-within_m], [within_m]])
+        found = self.tables.unit_of[box_meets(reach, self._boxes)]
+        units = np.zeros(len(self.tables.unit_sizes), dtype=bool)
+        units[found[found >= 0]] = True
+        low, high = (np.broadcast_to(corner, (len(units), 3)) for corner in reach)
+        return self._compile_region(
+            self.tables, self.poses(), units, np.zeros((0, 2, 3)), unit_boxes=(low, high)
+        ).compiled
 
     def join(self) -> None:
         """Makes the world one region, and keeps it one."""
@@ -221,9 +239,9 @@ class ModelCache:
         return performed
 
     def _spawn(self, edit: Spawn) -> Performed:
-        bodies = (*self.registry.bodies.values(), *edit.world.bodies)
-        movable = sum(each.physics.mobility not in FIXED_MOBILITIES for each in bodies)
-        check_arena(min(movable, 2 * REGION_BODIES), cap_bytes=self.arena_cap_bytes)
+        bodies = chain(self.registry.bodies.values(), edit.world.bodies)
+        movable = (each for each in bodies if each.physics.mobility not in FIXED_MOBILITIES)
+        check_arena(len(list(islice(movable, 2 * REGION_BODIES))), cap_bytes=self.arena_cap_bytes)
         before = self.poses()
         performed = self.builder.apply(edit, before)
         new_ids = self.registry.ids[len(before) :]
@@ -288,11 +306,11 @@ class ModelCache:
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
 
-    def include_separated_pairs(self) -> None:
-        """Lets pairs collide that overlapped when they were added, and are apart now."""
+    def include_separated_pairs(self, *, are_touching: bool = False) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now, or `are_touching`."""
         if self.stale or self.tables is None or not self.builder.collision_filter.temporary_pairs:
             return
-        if apart := self.builder.separated_pairs(self.poses()):
+        if apart := self.builder.separated_pairs(self.poses(), are_touching=are_touching):
             self.builder.include_pairs(apart)
             self.tables = self.tables.without_pairs(apart)
             for region in self.regions:
@@ -325,7 +343,6 @@ class ModelCache:
         if is_due or self._is_moved:
             self._is_moved = False
             self._hand_over()
-        if is_due:
             self._find_fast()
         return self.regions is not before
 
@@ -341,7 +358,7 @@ class ModelCache:
         active = [region for region in self.regions if not region.is_resting]
         for number, region in enumerate(active):
             was_asleep, compiled = region.is_asleep(), region.compiled
-            fast = {id: friction for id, friction in self.fast.items() if id in region.bodies}
+            fast = {id: each for id, each in self.fast.items() if id in region.bodies}
             try:
                 compiled.step(count, fast=fast)
             except EngineError:
@@ -357,40 +374,52 @@ class ModelCache:
         self.unchecked_steps = (self.unchecked_steps + count) % MAX_UNCHECKED_STEPS
 
     def _find_fast(self) -> None:
-        self.fast = {}
+        before, self.fast = self.fast, {}
         for region in self.regions:
             compiled = region.compiled
-            velocities = compiled.data.qvel[compiled.free_velocities]
-            if not region.is_resting and np.abs(velocities).max(initial=0.0) > _MIN_FAST_SPEED:
-                compiled.update_poses()
-                roots, pressed = list(compiled.free_joint_addresses), compiled.pressed_trees()
-                for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > _MIN_FAST_SPEED).tolist():
-                    if compiled.body_ids[roots[row]] not in pressed:
-                        self._check_fast(compiled, roots[row], velocities[row])
+            if region.is_resting or not compiled.may_be_fast(_MIN_FAST_SPEED):
+                continue
+            with compiled.at_physical_poses():
+                pressed = compiled.pressed_trees()
+                for group in compiled.fast_groups(_MIN_FAST_SPEED):
+                    tree = compiled.model.body_treeid[compiled.body_ids[group.root]]
+                    if (
+                        tree not in pressed or group.root in before
+                    ):  # stiff contacts throw out what is deep in soft ones
+                        self._check_fast(region, group)
 
-    def _check_fast(self, compiled: CompiledModel, id: BodyId, velocity: Array) -> None:
-        """Finds what a body will hit within which the contact force cannot stop it.
+    def _check_fast(self, region: Region, group: FastGroup) -> None:
+        """Finds what a group will hit within which the contact force cannot stop it.
 
         A contact of MuJoCo is a spring with a time constant, not a hard surface: the body moves on for
         `_CONTACT_DURATION_S`, and if it is then in the middle of a thin obstacle, it is pushed out on the other side.
-        Shorter time steps allow for stiffer springs. Obstacles are found by rays from the body's corners and center.
+        Shorter time steps allow for stiffer springs.
         """
-        duration_s, falls = MAX_UNCHECKED_STEPS * self._timestep_s, compiled.is_falling(id)
-        mean = velocity + np.array([0.0, 0.0, -_GRAVITY_M_S2 * duration_s / 2]) * falls
-        speed, thickness_m = float(np.linalg.norm(velocity)), min(self.builder.mass_properties.size(id))
-        end_speed = speed + _GRAVITY_M_S2 * duration_s * falls
-        within_m = min(end_speed * duration_s, MAX_SIZE_M)
-        for distance_m, obstacle_m, friction in compiled.obstacles(id, mean, within_m=within_m):
-            hit_speed = float(np.sqrt(speed**2 + 2 * _GRAVITY_M_S2 * distance_m * falls))
-            if hit_speed * _CONTACT_DURATION_S <= min(thickness_m, obstacle_m) / 2:
+        compiled, duration_s, id = region.compiled, MAX_UNCHECKED_STEPS * self._timestep_s, group.root
+        falls, within_s, gained = group.is_free and compiled.is_falling(id), duration_s, 0.0
+        if falls:
+            mean = group.velocity - (0.0, 0.0, _GRAVITY_M_S2 * duration_s / 2)
+            speed, mean_speed = float(np.linalg.norm(group.velocity)), float(np.linalg.norm(mean))
+            within_m = min((speed + _GRAVITY_M_S2 * duration_s) * duration_s, MAX_SIZE_M)
+            group, within_s, gained = group._replace(velocity=mean), within_m / mean_speed, mean_speed - speed
+        ids = list(compiled.rows)
+        for obstacle in compiled.obstacles(group, within_s):
+            fall_m = obstacle.distance_m * falls
+            hit_speed = float(np.sqrt(max(obstacle.speed - gained, 0.0) ** 2 + 2 * _GRAVITY_M_S2 * fall_m))
+            thickness_m = min(self.builder.mass_properties.size(ids[obstacle.row]))
+            share = hit_speed * _CONTACT_DURATION_S / (min(thickness_m, obstacle.thickness_m) / 2)
+            if share <= 1.0:
                 continue
-            self.fast[id] = min(friction, self.fast.get(id, friction))
+            known = self.fast.get(id, FastContact(obstacle.friction, 1.0))
+            # A stiff contact with a door or a kinematic body, which are heavy, throws what also touches something else.
+            stiffening = STIFFENING if group.is_free else min(max(share, known.stiffening), STIFFENING)
+            self.fast[id] = FastContact(min(obstacle.friction, known.friction), stiffening)
             moves_m = hit_speed * _DIVIDED_CONTACT_DURATION_S
-            if moves_m > (thickness_m + obstacle_m) / 2 and id not in self._fast_bodies:
+            if moves_m > (thickness_m + obstacle.thickness_m) / 2 and id not in self._fast_bodies:
                 self._fast_bodies.add(id)
                 text = (
-                    f"{id} will hit something {obstacle_m * 1000:.3g} mm thick at {hit_speed:.3g} m/s and moves by "
-                    f"{moves_m * 1000:.3g} mm before the contact stops it: it may pass through"
+                    f"{id} will hit something {obstacle.thickness_m * 1000:.3g} mm thick at {hit_speed:.3g} m/s and "
+                    f"moves by {moves_m * 1000:.3g} mm before the contact stops it: it may pass through"
                 )
                 self.late_notes.append(SpawnNote(SpawnNoteKind.FAST, (id,), text))
 
@@ -476,16 +505,15 @@ class ModelCache:
         self.builder.update_collisions(poses)
         tables = WorldTables(self.builder, kinematics_driven=self._kinematics_driven, before=before)
         changed_boxes: NDArray[np.float64] = np.array(self._changed_boxes).reshape(-1, 2, 3)
-        homes = {id: region for region in self.regions for id in region.bodies}
         if self._is_joined or tables.is_single:
             everything = np.ones(len(tables.unit_sizes), dtype=bool)
-            regions = [self._compile_region(tables, poses, everything, homes, changed_boxes, is_whole=True)]
+            regions = [self._compile_region(tables, poses, everything, changed_boxes, is_whole=True)]
         else:
             if not tables.kept:
                 for region in self.regions:
                     region.use_rows(tables.rows)
             self._update_boxes(tables, poses)
-            regions = self._divide(tables, before, poses, homes, changed_boxes)
+            regions = self._divide(tables, before, poses, changed_boxes)
         self.regions, self.tables, self.stale = regions, tables, False
         self._at_rest, self._changed_boxes = set(), []
 
@@ -494,7 +522,6 @@ class ModelCache:
         tables: WorldTables,
         before: WorldTables | None,
         poses: Array,
-        homes: Mapping[BodyId, Region],
         changed_boxes: NDArray[np.float64],
     ) -> list[Region]:
         unit_boxes = tables.unit_boxes(self._boxes)
@@ -513,7 +540,7 @@ class ModelCache:
             ):
                 is_here = np.zeros(len(tables.unit_sizes), dtype=bool)
                 is_here[units] = True
-                region = self._compile_region(tables, poses, is_here, homes, changed_boxes)
+                region = self._compile_region(tables, poses, is_here, changed_boxes)
             regions.append(region)
         return regions
 
@@ -540,7 +567,6 @@ class ModelCache:
         tables: WorldTables,
         poses: Array,
         units: NDArray[np.bool_],
-        homes: Mapping[BodyId, Region],
         changed_boxes: NDArray[np.float64],
         *,
         is_whole: bool = False,
@@ -552,13 +578,13 @@ class ModelCache:
             tables: the world.
             poses: poses of all bodies.
             units: whether each unit is in the region.
-            homes: the region of each body so far.
             changed_boxes: boxes in which sleeping bodies wake up, k x 2 x 3 [m].
             is_whole: whether the region is the whole world.
             unit_boxes: boxes within which the units are for some time; by default their present ones.
         """
         bodies = tables.bodies_of(units)
-        owners = {id: homes[id].compiled for id in sorted(bodies, key=tables.rows.__getitem__) if id in homes}
+        found = {id: region.compiled for region in self.regions for id in region.bodies & bodies}
+        owners = {id: found[id] for id in sorted(found, key=tables.rows.__getitem__)}
         if is_whole:
             box, model_input = (
                 np.array([[-np.inf] * 3, [np.inf] * 3]),
@@ -607,10 +633,9 @@ class ModelCache:
         handovers = find_handovers(tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s)
         if not handovers.regions:
             return
-        homes = {id: region for region in self.regions for id in region.bodies}
         nowhere = np.zeros((0, 2, 3))
         compiled = [
-            self._compile_region(tables, poses, units, homes, nowhere, unit_boxes=handovers.swept)
+            self._compile_region(tables, poses, units, nowhere, unit_boxes=handovers.swept)
             for units, _ in handovers.regions
         ]
         for number in handovers.resting:

@@ -8,7 +8,7 @@ and bodies are put somewhere, and only the contacts of those that move are compu
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from mindstage.engines.mujoco.state import CompiledModel
 from mindstage.scene import BodyId
+from mindstage.scene.mesh import convex_hull
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, rotation_matrix
 
-__all__ = ["FRAME_SITE", "ChainJoint", "ChainJointType", "ContactModel", "compile_chain"]
+__all__ = ["FRAME_SITE", "ChainJoint", "ChainJointType", "ContactModel", "compile_chain", "touching_shares"]
 
 FRAME_SITE = "frame"
 """The name of the site at the end of a chain."""
@@ -68,6 +69,55 @@ def compile_chain(joints: Sequence[ChainJoint], frame: Array) -> Any:
             added.limited, added.range = True, joint.range
     body.add_site(name=FRAME_SITE, pos=frame[:3], quat=frame[3:])
     return spec.compile()
+
+
+def touching_shares(
+    shapes: Mapping[str, Sequence[Array]],
+    states: Iterable[Mapping[str, Array]],
+    *,
+    ignored: Iterable[tuple[str, str]] = (),
+) -> dict[tuple[str, str], float]:
+    """The pairs of links that touch, the lower name first, with the part of the states in which they do.
+
+    Args:
+        shapes: the convex shapes of each link, as points n x 3 in its frame; those of flat ones are left out.
+        states: the frames of the links, each seven numbers in a common frame.
+        ignored: pairs of links that are not tested.
+    """
+    spec = mujoco.MjSpec()
+    names = []
+    for link, parts in shapes.items():
+        hulls = [hull for points in parts if (hull := convex_hull(points)) is not None]
+        if not hulls:
+            continue
+        body = spec.worldbody.add_body(name=link)
+        body.add_freejoint()
+        names.append(link)
+        for number, hull in enumerate(hulls):
+            mesh = spec.add_mesh(name=f"{link}/{number}", uservert=hull.points.ravel().tolist())
+            mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+            body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name)
+    if len(names) < 2:
+        return {}
+    for first, second in ignored:
+        if first in names and second in names:
+            spec.add_exclude(bodyname1=first, bodyname2=second)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    counts: dict[tuple[str, str], int] = {}
+    total = 0
+    for frames in states:
+        total += 1
+        data.qpos[:] = np.concatenate([frames[name] for name in names])
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        contact = data.contact
+        bodies = model.geom_bodyid[np.reshape(contact.geom, (-1, 2))[np.ravel(contact.dist) < 0.0]] - 1
+        for a, b in {(min(pair), max(pair)) for pair in bodies.tolist()}:
+            first, second = sorted((names[a], names[b]))
+            counts[first, second] = counts.get((first, second), 0) + 1
+    return {pair: count / total for pair, count in counts.items()}
 
 
 _RESTING_UP, _RESTING_M = 0.5, 0.001
@@ -123,6 +173,11 @@ class ContactModel:
         rows = set(compiled.geom_rows[is_moving].tolist())
         self.moving = frozenset(id for id, row in compiled.rows.items() if row in rows or id in moving)
         """The bodies of which contacts are computed."""
+
+    @property
+    def loose(self) -> frozenset[BodyId]:
+        """The bodies that are neither fixed nor on joints."""
+        return frozenset(id for id in self._compiled.rows if self._weld(id) in self._roots)
 
     def _weld(self, id: BodyId) -> int:
         """The MuJoCo body that is the root of the rigid group of a body; 0 for those that are fixed."""

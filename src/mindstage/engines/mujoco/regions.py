@@ -14,10 +14,11 @@ from __future__ import annotations
 import copy
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import compress, islice
+from itertools import chain, compress, islice
 from operator import is_not
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +27,7 @@ from mindstage.engines.mujoco.compiler import ModelInput, is_fixed_group
 from mindstage.engines.mujoco.state import CompiledModel, ModelJoint
 from mindstage.engines.physics_model import PhysicsModelBuilder
 from mindstage.scene import Body, BodyId, Joint
-from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, overlapping_pairs
+from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, connected_groups, overlapping_pairs
 from mindstage.scene.transforms import Array, quat_rotate
 
 __all__ = [
@@ -79,21 +80,26 @@ class WorldTables:
         self.kinematics_driven = kinematics_driven
         registry, self.forest = builder.registry, builder.forest
         self.ids = registry.ids
-        self.rows = {id: row for row, id in enumerate(self.ids)}
         self.group_roots = list(self.forest.groups)
         self.kept = 0 if before is None else before._kept_by(self)
         """The number of first bodies that are the same as before, with the same rows, groups and units."""
+        known, new = {} if before is None or not self.kept else before.rows, self.ids[self.kept :]
+        self.rows: dict[BodyId, int] = {**known, **{id: self.kept + row for row, id in enumerate(new)}}
+        self.overlapping = frozenset(builder.collision_filter.excluded_pairs | builder.given_excluded_pairs)
         self.jointed_pairs: frozenset[tuple[BodyId, BodyId]] = (
             builder.jointed_pairs() if before is None or not self.kept else before.jointed_pairs
         )
-        self.overlapping = frozenset(builder.collision_filter.excluded_pairs | builder.given_excluded_pairs)
-        self.linked = frozenset(end for pair in self.overlapping for end in pair) | {
-            end for joint in registry.joints.values() for end in (joint.parent, joint.child)
-        }
-        self._partners: dict[BodyId, list[BodyId]] | None = None
-        new = self.ids[self.kept :]
+        self.linked: frozenset[BodyId]
+        self._partners: dict[BodyId, list[BodyId]] | None
+        if before is not None and self.kept and before.overlapping == self.overlapping:
+            self.linked, self._partners = before.linked, before._partners
+        else:
+            joints = registry.joints.values()
+            self.linked = frozenset(chain(*self.overlapping, *((each.parent, each.child) for each in joints)))
+            self._partners = None
         self.sizes = builder.mass_properties.sizes(new)
-        self.local_centers, self.half_extents = self._local_boxes(builder, new)
+        self.local_centers, extents = builder.mass_properties.local_boxes(new)
+        self.half_extents = extents / 2
         if before is None or not self.kept:
             numbers = {root: number for number, root in enumerate(self.group_roots)}
             root_of = self.forest.root_of
@@ -139,52 +145,24 @@ class WorldTables:
         units = np.where(moves, count - 1 + np.cumsum(moves), -1).astype(np.intp)
         self.unit_of_group, self.holders = np.concatenate([before.unit_of_group, units]), before.holders
 
-    def _local_boxes(self, builder: PhysicsModelBuilder, ids: Sequence[BodyId]) -> tuple[Array, Array]:
-        """The box of some bodies in their own frames: centers and half extents, k x 3 [m]."""
-        centers, half = np.zeros((len(ids), 3)), self.sizes / 2
-        properties = builder.mass_properties
-        rows = [row for row, id in enumerate(ids) if id in properties.geometry]
-        if rows:
-            low, high = np.array([properties.compiled(ids[row]).bounds for row in rows]).transpose(1, 0, 2)
-            centers[rows], half[rows] = (low + high) / 2, (high - low) / 2
-        return centers, half
-
     def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, Mapping[int, tuple[int, ...]]]:
         forest = self.forest
-        leader: dict[BodyId, BodyId] = {}
-        """Of each moving group, the first one of its tree."""
-        holders: dict[BodyId, set[int]] = {}
-        for root, group in forest.groups.items():  # parents come before children
-            if is_fixed_group(group, kinematics_driven=self.kinematics_driven):
-                continue
-            tree_joint = forest.tree_joints.get(root)
-            held_by = None if tree_joint is None else forest.root_of[tree_joint.parent]
-            leader[root] = leader.get(held_by, root) if held_by is not None else root
-            if held_by is not None and held_by not in leader:
-                holders.setdefault(root, set()).add(numbers[held_by])
-        merged = {root: root for root in leader.values()}
-
-        def first(root: BodyId) -> BodyId:
-            while merged[root] != root:
-                merged[root] = root = merged[merged[root]]
-            return root
-
-        for ends in self._couplings():
-            moving = [first(leader[root]) for root in ends if root in leader]
-            for root in ends:
-                if root not in leader and moving:
-                    holders.setdefault(moving[0], set()).add(numbers[root])
-            if len(moving) == 2 and moving[0] != moving[1]:
-                low, high = sorted(moving, key=numbers.__getitem__)
-                merged[high] = low
-        units: dict[BodyId, int] = {}
-        unit_of_group = np.full(len(numbers), -1, dtype=np.intp)
-        for root, tree in leader.items():
-            unit_of_group[numbers[root]] = units.setdefault(first(tree), len(units))
-        found: dict[int, set[int]] = {}
-        for root, each in holders.items():
-            found.setdefault(units[first(leader[root])], set()).update(each)
-        return unit_of_group, {unit: tuple(sorted(each)) for unit, each in found.items()}
+        moves = np.array(
+            [not is_fixed_group(each, kinematics_driven=self.kinematics_driven) for each in forest.groups.values()],
+            dtype=bool,
+        )
+        links = [(numbers[root], numbers[forest.root_of[each.parent]]) for root, each in forest.tree_joints.items()]
+        links += [(numbers[a], numbers[b]) for a, b in self._couplings()]
+        ends = np.array(links, dtype=np.intp).reshape(-1, 2)
+        is_inner = moves[ends].all(axis=1)
+        trees = connected_groups(len(moves), *ends[is_inner].T)
+        unit_of_group = np.full(len(moves), -1, dtype=np.intp)
+        unit_of_group[moves] = np.unique(trees[moves], return_inverse=True)[1]
+        holders: dict[int, set[int]] = {}
+        for a, b in ends[~is_inner & moves[ends].any(axis=1)].tolist():
+            mover, holder = (a, b) if moves[a] else (b, a)
+            holders.setdefault(int(unit_of_group[mover]), set()).add(holder)
+        return unit_of_group, {unit: tuple(sorted(each)) for unit, each in holders.items()}
 
     def _couplings(self) -> Iterable[tuple[BodyId, BodyId]]:
         """Pairs of groups that have to be in one model: those of loops, and of joints that follow others."""
@@ -214,8 +192,10 @@ class WorldTables:
 
     def has_bodies(self, units: Indices, region: Region) -> bool:
         """Whether some units have exactly the bodies of a region."""
+        is_one = np.zeros(len(self.unit_sizes), dtype=bool)
+        is_one[units] = True
         own = self.unit_of[region.rows[region.is_own]]
-        return int(self.unit_sizes[units].sum()) == len(region.bodies) and bool(np.isin(own, units).all())
+        return int(self.unit_sizes[units].sum()) == len(region.bodies) and bool(is_one[own].all())
 
     def bodies_of(self, units: NDArray[np.bool_]) -> set[BodyId]:
         """The bodies of some units, by a mask of all units."""
@@ -295,7 +275,7 @@ class WorldTables:
         changed = set(_differing(old.bodies, new.bodies))
         changed.update(_differing(old.wall_panels, new.wall_panels), _differing(old.attachments, new.attachments))
         changed.update(_differing(old.shapes, new.shapes))
-        changed |= {id for _, id in old.flags.symmetric_difference(new.flags)}
+        changed.update(*(before_it ^ now for before_it, now in zip(old.flags, new.flags, strict=True)))
         changed.update(*(before.overlapping ^ self.overlapping))
         if before.jointed_pairs is not self.jointed_pairs:
             changed.update(*(before.jointed_pairs ^ self.jointed_pairs))
@@ -324,7 +304,7 @@ class _Described:
     joints: Mapping[BodyId, Joint]
     simulated: Mapping[BodyId, Joint]
     actuators: Mapping[str, Any]
-    flags: frozenset[tuple[str, BodyId]]
+    flags: tuple[frozenset[BodyId], ...]
     ground: Ground | None
 
     @classmethod
@@ -427,7 +407,10 @@ class Region:
         return np.flatnonzero(self.is_own & (numbers > 0) & is_awake)
 
     def displacements(self, places: Indices, radii: Array, duration_s: float) -> Array:
-        """How far bodies move in a time at their present velocities, k x 6 [m]: to lower, and to higher coordinates."""
+        """How far bodies move in a time at their present velocities, k x 6 [m]: to lower, and to higher coordinates.
+
+        Kinematic ones move until the pose that was set last, where their boxes are already.
+        """
         model, data = self.compiled.model, self.compiled.data
         numbers = self.compiled.body_id_order[places]
         spin, linear = data.cvel[numbers, :3], data.cvel[numbers, 3:]
@@ -436,11 +419,23 @@ class Region:
         turned = np.linalg.norm(spin, axis=1, keepdims=True) * radii[:, None] * duration_s
         turned = np.minimum(turned, 2 * radii[:, None])
         result = np.concatenate([np.minimum(moved, 0.0) - turned, np.maximum(moved, 0.0) + turned], axis=1)
-        kinematic = self.compiled.is_kinematic[numbers]
-        largest = np.abs(moved[kinematic])
-        result[kinematic, :3] -= largest
-        result[kinematic, 3:] += largest
+        for row in np.flatnonzero(self.compiled.is_kinematic[numbers]).tolist():
+            result[row] = self._kinematic_displacement(int(numbers[row]), float(radii[row]))
         return np.asarray(np.nan_to_num(result, nan=0.0, posinf=1e3, neginf=-1e3))
+
+    def _kinematic_displacement(self, number: int, radius_m: float) -> Array:
+        """The same of a kinematic body: back to where it is for the physics until it gets to the pose that was set."""
+        compiled = self.compiled
+        root = compiled.kinematic_roots[int(compiled.model.body_weldid[number])]
+        motion, result = compiled.motions.get(root), np.zeros(6)
+        if motion is not None and motion.steps:
+            place, turn = compiled.data.qpos[compiled.kinematic_qpos[compiled.kinematic_rows[root]]], np.zeros(3)
+            mujoco.mju_subQuat(turn, motion.pose[3:], place[3:])
+            back = motion.pose[:3] - place[:3]
+            reach_m = np.linalg.norm(compiled.data.xpos[number] - place[:3]) + radius_m
+            turned_m = min(float(np.linalg.norm(turn)), 2.0) * reach_m
+            result[:3], result[3:] = np.minimum(back, 0.0) - turned_m, np.maximum(back, 0.0) + turned_m
+        return result
 
 
 def reach_of(low: Array, high: Array) -> Array:
@@ -496,18 +491,8 @@ def _halves(part: Indices, centers: Array, sizes: NDArray[Any]) -> tuple[Indices
 def _clusters(boxes: Boxes, units: Indices) -> Indices:
     """The number of the cluster of each of some units: those whose boxes touch, directly or through others."""
     everything = np.ones(len(units), dtype=bool)
-    parents = list(range(len(units)))
-
-    def first(number: int) -> int:
-        while parents[number] != number:
-            parents[number] = number = parents[parents[number]]
-        return number
-
-    for a, b in _meeting((boxes[0][units], boxes[1][units]), everything, margin_m=_TOUCH_M):
-        low, high = sorted((first(a), first(b)))
-        parents[high] = low
-    numbers = dict[int, int]()
-    return np.array([numbers.setdefault(first(each), len(numbers)) for each in range(len(units))], dtype=np.intp)
+    pairs = np.array(_meeting((boxes[0][units], boxes[1][units]), everything, margin_m=_TOUCH_M), dtype=np.intp)
+    return connected_groups(len(units), *pairs.reshape(-1, 2).T)
 
 
 def _meeting(boxes: Boxes, is_first: NDArray[np.bool_], *, margin_m: float = 0.0) -> list[tuple[int, int]]:
@@ -551,14 +536,15 @@ def assign_units(
     for number in kept:
         region = regions[number]
         rows = region.rows[region.is_own]
-        units = np.unique(tables.unit_of[rows[rows >= 0]])
+        units = tables.unit_of[rows[rows >= 0]]
         units = units[units >= 0]
         if not region.bodies.isdisjoint(moved):
             is_inside = _contains(region.box, (boxes[0][units], boxes[1][units]))
             is_moved = np.isin(units, tables.unit_of[[tables.rows[id] for id in moved if id in tables.rows]])
             units = units[is_inside | ~is_moved]
         home[units] = number
-    sizes = {number: int(tables.unit_sizes[home == number].sum()) for number in kept}
+    counts = np.bincount(home[home >= 0], weights=tables.unit_sizes[home >= 0], minlength=len(regions))
+    sizes = {number: int(counts[number]) for number in kept}
     loose = np.flatnonzero(home < 0)
     if kept and len(loose):
         cluster = _clusters(boxes, loose)

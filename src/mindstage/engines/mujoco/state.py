@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import ctypes
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -22,7 +23,7 @@ from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
 from mindstage.errors import EngineError
-from mindstage.ranges import Count, Length, NotNegative, checked
+from mindstage.ranges import Count, checked
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
@@ -32,10 +33,13 @@ __all__ = [
     "CompiledModel",
     "CompiledState",
     "ContactPoints",
+    "FastContact",
+    "FastGroup",
     "KinematicMotion",
     "MergedContacts",
     "ModelActuators",
     "ModelJoint",
+    "Obstacle",
     "actuator_states",
     "contact_points",
     "current_joint_coordinates",
@@ -92,6 +96,38 @@ class CompiledState(NamedTuple):
     time_s: float
 
 
+class FastGroup(NamedTuple):
+    """A rigid group that moves fast."""
+
+    root: BodyId
+    velocity: Array
+    """That of the origin of the root [m/s]."""
+    spin: Array
+    """Its angular velocity [rad/s], 0 for a free body; both in the world frame."""
+    is_free: bool
+
+
+class Obstacle(NamedTuple):
+    """What a point of a fast group will hit, or that will be hit by the group."""
+
+    distance_m: float
+    speed: float
+    """How fast they get nearer to one another [m/s]."""
+    row: int
+    """The row of the body of the group."""
+    thickness_m: float
+    friction: float
+
+
+class FastContact(NamedTuple):
+    """How the contacts of a fast group are changed."""
+
+    friction: float
+    """The least friction of what it hits."""
+    stiffening: float
+    """By how much their time constants are shorter, unless they bounce: from 1 to `STIFFENING`."""
+
+
 class KinematicMotion(NamedTuple):
     """How a kinematic body gets to the pose that was set last; velocities are those of a free joint.
 
@@ -115,12 +151,14 @@ class KinematicMotion(NamedTuple):
 
 
 SUBSTEPS, STIFFENING = 8, 40
-"""The number of parts of a time step in which a body may pass through another one, and the factor by which the time
-constants of contacts are then shorter, unless they bounce: to two parts, the least with which a contact is stable."""
+"""The number of parts of a time step in which a body may pass through another one, and the largest factor by which the
+time constants of contacts are then shorter: to two parts, the least with which a contact is stable."""
 _FAST_PRIORITY = 20_000
 """Added to the priority of the geoms of fast bodies, above that of all others."""
 _DEEP_M = 0.0005
-_NONE_FAST: Mapping[BodyId, float] = MappingProxyType({})
+_NONE_FAST: Mapping[BodyId, FastContact] = MappingProxyType({})
+_MAX_ARM_M = 5.0
+"""No door is wider [m]."""
 _CORNERS = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), axis=-1).reshape(8, 3)
 _FIRST_PERIOD_S, _MAX_PERIOD_S = 0.02, 0.1
 """The time of the first motion of a kinematic body, and the longest one [s]."""
@@ -173,6 +211,8 @@ class CompiledModel:
     less than a micrometer since the last correction; None for the poses that were set, at rest."""
     kinematic_rows: dict[BodyId, int] = field(init=False)
     """The row of each kinematic group in these."""
+    kinematic_roots: dict[int, BodyId] = field(init=False)
+    """The root of each kinematic group by MuJoCo's number of it."""
     free_heights: NDArray[np.intp] = field(init=False)
     """Addresses in `qpos` of the heights of the free joints, in the order of `free_joint_addresses`."""
 
@@ -184,10 +224,14 @@ class CompiledModel:
     """Those of their velocities in `qvel`, k x 6."""
     is_kinematic: NDArray[np.bool_] = field(init=False)
     """Whether each MuJoCo body is part of a kinematic group that can be moved."""
-    divided: tuple[Any, dict[BodyId, float], Any] | None = None
+    divided: tuple[Any, dict[BodyId, FastContact], Any] | None = None
     """A model, fast bodies, and the same model with divided time steps for these; None until a step needs it."""
     before: Any = field(init=False, default=None)
-    """Data for the state before a step; None until a step needs it."""
+    """Data for the state before a part of a step; None until a step needs it."""
+    begin: tuple[Any, dict[BodyId, KinematicMotion], tuple[Array, Array] | None] | None = field(
+        init=False, default=None
+    )
+    """The same, motions and `kinematic_state` before the whole step, with kinematic bodies; None until one needs it."""
 
     def __post_init__(self) -> None:
         addresses = np.array(list(self.free_joint_addresses.values()), dtype=np.intp).reshape(-1, 2)
@@ -196,8 +240,8 @@ class CompiledModel:
         self.kinematic_rows = {root: row for row, root in enumerate(self.kinematic_addresses)}
         addresses = np.array(list(self.kinematic_addresses.values()), dtype=np.intp).reshape(-1, 2)
         self.kinematic_qpos, self.kinematic_dofs = addresses[:, :1] + np.arange(7), addresses[:, 1:] + np.arange(6)
-        kinematic = [self.body_ids[root] for root in self.kinematic_addresses]
-        self.is_kinematic = np.isin(self.model.body_weldid, kinematic)
+        self.kinematic_roots = {self.body_ids[root]: root for root in self.kinematic_addresses}
+        self.is_kinematic = np.isin(self.model.body_weldid, list(self.kinematic_roots))
 
     def copy(self) -> CompiledModel:
         """An independent copy of the state, sleep included; the model and all addresses are shared."""
@@ -239,35 +283,42 @@ class CompiledModel:
         qpos[:] = target
 
     @checked
-    def step(self, count: Count, *, fast: Mapping[BodyId, NotNegative] = _NONE_FAST) -> None:
+    def step(self, count: Count, *, fast: Mapping[BodyId, FastContact] = _NONE_FAST) -> None:
         """Advances time by some steps; if the arena is exhausted, it grows, and the steps are repeated.
 
         The result is the same as with an arena that was large from the beginning.
 
         Args:
             count: number of time steps.
-            fast: loose bodies that may pass through others, with the largest friction of what they hit: each step is
-                divided into `SUBSTEPS`, in which their contacts are stiffer.
+            fast: groups that may pass through others, by root: each step is divided into `SUBSTEPS`, in which their
+                contacts are stiffer.
 
         Raises:
-            EngineMemoryError: the arena would exceed its largest size; the state is that before a part of the steps.
-            EngineError: MuJoCo failed; the state is that before a part of the steps.
+            EngineMemoryError: the arena would exceed its largest size; nothing has changed.
+            EngineError: MuJoCo failed; nothing has changed.
         """
         if not self.kinematic_addresses:
             self._advance(count, fast)
             return
-        while count:
-            moving = {root: motion for root, motion in self.motions.items() if motion.steps}
-            part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
-            self._step_with_motions(moving, part, fast)
-            count -= part
+        data = new_data(self.model) if self.begin is None else self.begin[0]
+        mujoco.mj_copyData(data, self.model, self.data)
+        self.begin = data, dict(self.motions), self.kinematic_state
+        try:
+            while count:
+                moving = {root: motion for root, motion in self.motions.items() if motion.steps}
+                part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
+                self._step_with_motions(moving, part, fast)
+                count -= part
+        except EngineError:
+            self.step_back()
+            raise
 
     def _steps_to_correction(self) -> int:
         """The time steps until kinematic bodies at rest are put back where they belong: a function of the time."""
         return _CORRECTION_STEPS - round(float(self.data.time / self.model.opt.timestep)) % _CORRECTION_STEPS
 
     def _step_with_motions(
-        self, moving: Mapping[BodyId, KinematicMotion], count: int, fast: Mapping[BodyId, float]
+        self, moving: Mapping[BodyId, KinematicMotion], count: int, fast: Mapping[BodyId, FastContact]
     ) -> None:
         """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions.
 
@@ -277,9 +328,11 @@ class CompiledModel:
         targets = data.qpos[self.kinematic_qpos]
         poses, velocities = (targets, np.zeros(dofs.shape)) if self.kinematic_state is None else self.kinematic_state
         poses, velocities, forces = poses.copy(), velocities.copy(), np.zeros(dofs.shape)
+        # Semi-implicit steps add the acceleration first: the distance of shorter ones is the same from a later speed.
+        later_s = self.model.opt.timestep * (SUBSTEPS - 1) / (2 * SUBSTEPS) if fast else 0.0
         for root, motion in moving.items():
             row = self.kinematic_rows[root]
-            poses[row], velocities[row] = motion.pose, motion.velocity
+            poses[row], velocities[row] = motion.pose, motion.velocity + later_s * motion.acceleration
             forces[row] = self.model.dof_M0[dofs[row]] * motion.acceleration
         data.qpos[self.kinematic_qpos], data.qvel[dofs], data.qfrc_applied[dofs] = poses, velocities, forces
         try:
@@ -288,7 +341,7 @@ class CompiledModel:
             is_there = np.full(len(dofs), is_corrected)
             for root, motion in moving.items():
                 row = self.kinematic_rows[root]
-                pose, velocity = poses[row].copy(), velocities[row].copy()
+                pose, velocity = poses[row].copy(), velocities[row] - later_s * motion.acceleration
                 self.motions[root] = motion._replace(pose=pose, velocity=velocity, steps=motion.steps - count)
                 is_there[row] = motion.steps == count
             poses[is_there], velocities[is_there] = targets[is_there], 0.0
@@ -297,7 +350,7 @@ class CompiledModel:
             self.data.qpos[self.kinematic_qpos] = targets
             self.data.qvel[dofs] = self.data.qfrc_applied[dofs] = 0.0
 
-    def _advance(self, count: int, fast: Mapping[BodyId, float]) -> None:
+    def _advance(self, count: int, fast: Mapping[BodyId, FastContact]) -> None:
         substeps = SUBSTEPS if fast else 1
         if self.before is None:
             self.before = new_data(self.model)
@@ -308,6 +361,8 @@ class CompiledModel:
             ) or is_exhausted(self.data):
                 larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
                 self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
+                if self.begin is not None:
+                    self.begin = copy_state(larger, self.begin[0]), *self.begin[1:]
                 self.model = larger
         except EngineError:
             mujoco.mj_copyData(self.data, self.model, self.before)
@@ -315,10 +370,15 @@ class CompiledModel:
         self.poses_outdated = True
 
     def step_back(self) -> None:
-        """Restores the state before the last `step`, of a model without kinematic bodies; motions are not undone."""
-        mujoco.mj_copyData(self.data, self.model, self.before)
+        """Restores the state before the last `step`."""
+        data = self.before
+        if self.begin is not None:
+            data, motions, self.kinematic_state = self.begin
+            self.motions = dict(motions)
+        mujoco.mj_copyData(self.data, self.model, data)
+        self.poses_outdated = True
 
-    def _divided(self, fast: Mapping[BodyId, float]) -> Any:
+    def _divided(self, fast: Mapping[BodyId, FastContact]) -> Any:
         """The model with a shorter time step, in which the contacts of fast bodies have shorter time constants.
 
         Others keep theirs: what is deep in a soft contact would be thrown out of a stiff one.
@@ -328,52 +388,146 @@ class CompiledModel:
         if self.divided is None or self.divided[0] is not self.model or self.divided[1] != fast:
             divided = copy.copy(self.model)
             divided.opt.timestep /= SUBSTEPS
-            for root in fast.keys() & self.free_joint_addresses.keys():
-                geoms = divided.body_rootid[divided.geom_bodyid] == self.body_ids[root]
+            for root in fast.keys() & self.body_ids.keys():
+                geoms = self._geoms_of_tree(root)
                 divided.geom_priority[geoms] += _FAST_PRIORITY
-                divided.geom_friction[geoms, 0] = np.minimum(divided.geom_friction[geoms, 0], fast[root])
+                divided.geom_friction[geoms, 0] = np.minimum(divided.geom_friction[geoms, 0], fast[root].friction)
                 damping = divided.geom_solref[geoms, 1]
-                divided.geom_solref[geoms, 0] /= np.where(damping < 1.0, SUBSTEPS, STIFFENING)
+                divided.geom_solref[geoms, 0] /= np.where(damping < 1.0, SUBSTEPS, fast[root].stiffening)
             self.divided = self.model, dict(fast), divided
         return self.divided[2]
 
     def pressed_trees(self) -> set[int]:
-        """The roots, as MuJoCo numbers bodies, of all trees that are already deep in a contact."""
+        """All trees, as MuJoCo numbers them, that are already deep in a contact."""
         contact = self.data.contact
         deep = np.asarray(contact.geom)[np.asarray(contact.dist) < -_DEEP_M]
-        return set(self.model.body_rootid[self.model.geom_bodyid[deep]].ravel().tolist())
+        return set(self.model.body_treeid[self.model.geom_bodyid[deep]].ravel().tolist())
 
     def is_falling(self, root: BodyId) -> bool:
         """Whether nothing carried a loose body in the last step."""
         dof = self.free_joint_addresses[root][1]
         return bool(self.data.qacc[dof + 2] < self.model.opt.gravity[2] / 2)
 
-    @checked
-    def obstacles(self, root: BodyId, velocity: Array, *, within_m: Length) -> Iterator[tuple[float, float, float]]:
-        """What a loose body will hit if it moves on: distance and thickness [m], and friction.
+    @contextmanager
+    def at_physical_poses(self) -> Iterator[None]:
+        """While it is open, geoms of kinematic groups are where they are for the physics, not where they were set."""
+        self.update_poses()
+        moving = {root: motion for root, motion in self.motions.items() if motion.steps}
+        if not moving:
+            yield
+            return
+        targets = self.data.qpos[self.kinematic_qpos]
+        for root, motion in moving.items():
+            self.data.qpos[self.kinematic_qpos[self.kinematic_rows[root]]] = motion.pose
+        mujoco.mj_kinematics(self.model, self.data)
+        yield
+        self.data.qpos[self.kinematic_qpos] = targets
+        mujoco.mj_kinematics(self.model, self.data)
 
-        Planes, which stop everything, and bodies that bounce are left out.
+    def _geoms_of_tree(self, root: BodyId) -> NDArray[np.bool_]:
+        """Whether each geom is one of the tree of a body."""
+        trees = self.model.body_treeid
+        return np.asarray(trees[self.model.geom_bodyid] == trees[self.body_ids[root]])
 
-        Args:
-            root: the root of the body.
-            velocity: its velocity [m/s].
-            within_m: the largest distance [m].
+    def fast_groups(self, min_speed: float) -> Iterator[FastGroup]:
+        """Loose bodies, groups on joints without actuators and kinematic ones that may have a part so fast [m/s]."""
+        data, nothing = self.data, np.zeros(3)
+        velocities, roots = data.qvel[self.free_velocities], list(self.free_joint_addresses)
+        for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > min_speed).tolist():
+            yield FastGroup(roots[row], velocities[row], nothing, is_free=True)
+        driven = set(self.actuators.dofs)
+        for joint in self.joints.values():
+            if driven.isdisjoint(range(joint.dof_address, joint.dof_address + len(joint.axes))):
+                velocity, spin = self._velocity_at(joint.body_id, data.xpos[joint.body_id])
+                root = joint.tree_joint.child
+                if self._is_fast(root, velocity, spin, min_speed):
+                    yield FastGroup(root, velocity, spin, is_free=False)
+        for root, motion in self.motions.items():
+            if motion.steps:
+                spin = quat_rotate(motion.pose[3:], motion.mean_velocity[3:])
+                if self._is_fast(root, motion.mean_velocity[:3], spin, min_speed):
+                    yield FastGroup(root, motion.mean_velocity[:3], spin, is_free=False)
+
+    def may_be_fast(self, min_speed: float) -> bool:
+        """Whether `fast_groups` may find some, which costs less."""
+        free = np.abs(self.data.qvel[self.free_velocities]).max(initial=0.0)
+        is_jointed = bool(self.joints) and np.abs(self.data.qvel).max(initial=0.0) > min_speed / _MAX_ARM_M
+        return bool(free > min_speed / 2 or is_jointed or any(each.steps for each in self.motions.values()))
+
+    def _is_fast(self, root: BodyId, velocity: Array, spin: Array, min_speed: float) -> bool:
+        model, body_id = self.model, self.body_ids[root]
+        if np.linalg.norm(velocity) + np.linalg.norm(spin) * model.stat.extent <= min_speed:
+            return False
+        geoms = np.flatnonzero(model.body_weldid[model.geom_bodyid] == model.body_weldid[body_id])
+        arms = np.linalg.norm(self.data.geom_xpos[geoms] - self.data.xpos[body_id], axis=1) + model.geom_rbound[geoms]
+        return bool(np.linalg.norm(velocity) + np.linalg.norm(spin) * arms.max(initial=0.0) > min_speed)
+
+    def _velocity_at(self, body_id: int, point: Array) -> tuple[Array, Array]:
+        """The velocity of a point of a body [m/s], and its angular velocity [rad/s], both in the world frame."""
+        spin, linear = self.data.cvel[body_id, :3], self.data.cvel[body_id, 3:]
+        return linear + np.cross(spin, point - self.data.subtree_com[self.model.body_rootid[body_id]]), spin.copy()
+
+    def obstacles(self, group: FastGroup, within_s: float) -> Iterator[Obstacle]:
+        """What a fast group will hit within a time [s].
+
+        Rays are cast from the corners and the center of each of its geoms. For a group that is not free, such as a door
+        that sweeps over a table, rays against its motion are cast from what can move near it, too. Planes, which stop
+        everything, and bodies that bounce are left out.
         """
         model, data = self.model, self.data
-        tree, found = model.body_rootid, np.full(1, -1, dtype=np.int32)
-        body_id, direction = self.body_ids[root], velocity / np.linalg.norm(velocity)
-        geoms = np.flatnonzero(tree[model.geom_bodyid] == body_id)
-        for geom in geoms.tolist():
-            center, half = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-            points = np.concatenate([center[None], center + 0.9 * half * _CORNERS])
-            for point in points @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]:
-                distance_m = mujoco.mj_ray(model, data, point, direction, None, 1, body_id, found)
-                other = int(found[0])
-                if other < 0 or distance_m > within_m or tree[model.geom_bodyid[other]] == body_id:
-                    continue
-                is_plane = model.geom_type[other] == int(mujoco.mjtGeom.mjGEOM_PLANE)
-                if model.geom_contype[other] and not is_plane and model.geom_solref[other, 1] >= 1.0:
-                    yield distance_m, 2 * float(model.geom_aabb[other, 3:].min()), float(model.geom_friction[other, 0])
+        body_id = self.body_ids[group.root]
+        is_own = self._geoms_of_tree(group.root)
+        own = np.flatnonzero(is_own if group.is_free else model.body_weldid[model.geom_bodyid] == body_id)
+        for geom in own.tolist():
+            for point, velocity in self._moving_points(geom, group):
+                yield from self._hit(geom, point, velocity, within_s, is_own, is_reversed=False)
+        if group.is_free or not len(own):
+            return
+        others = np.flatnonzero(~is_own & (model.body_treeid[model.geom_bodyid] >= 0))
+        arms = np.linalg.norm(data.geom_xpos[own] - data.xpos[body_id], axis=1) + model.geom_rbound[own]
+        reach = np.linalg.norm(group.velocity) * within_s + min(np.linalg.norm(group.spin) * within_s, 2.0) * arms
+        distances = np.linalg.norm(data.geom_xpos[others, None] - data.geom_xpos[own], axis=2)
+        is_near = distances <= reach + model.geom_rbound[own] + model.geom_rbound[others, None]
+        for geom in others[is_near.any(axis=1)].tolist():
+            for point, velocity in self._moving_points(geom, group):
+                yield from self._hit(geom, point, velocity, within_s, is_own, is_reversed=True)
+
+    def _moving_points(self, geom: int, group: FastGroup) -> Iterator[tuple[Array, Array]]:
+        """Corners and center of a geom, and the velocity of a group there."""
+        center, half = self.model.geom_aabb[geom, :3], self.model.geom_aabb[geom, 3:]
+        points = np.concatenate([center[None], center + 0.9 * half * _CORNERS])
+        points = points @ self.data.geom_xmat[geom].reshape(3, 3).T + self.data.geom_xpos[geom]
+        origin = self.data.xpos[self.body_ids[group.root]]
+        yield from zip(points, group.velocity + np.cross(group.spin, points - origin), strict=True)
+
+    def _hit(
+        self, geom: int, point: Array, velocity: Array, within_s: float, is_own: NDArray[np.bool_], *, is_reversed: bool
+    ) -> Iterator[Obstacle]:
+        """What a ray from a point of a geom hits in time, with or against a velocity there."""
+        model, found = self.model, np.full(1, -1, dtype=np.int32)
+        speed, sign = float(np.linalg.norm(velocity)), -1.0 if is_reversed else 1.0
+        if speed == 0.0:
+            return
+        direction, body_id = velocity / speed, int(model.geom_bodyid[geom])
+        distance_m = mujoco.mj_ray(model, self.data, point, sign * direction, None, 1, body_id, found)
+        hit = int(found[0])
+        if hit < 0 or bool(is_own[hit]) is not is_reversed or not self._can_touch(geom, hit):
+            return
+        other, mine = (geom, hit) if is_reversed else (hit, geom)
+        is_plane = model.geom_type[other] == int(mujoco.mjtGeom.mjGEOM_PLANE)
+        speed -= float(direction @ self._velocity_at(int(model.geom_bodyid[other]), point)[0])
+        if distance_m <= speed * within_s and not is_plane and model.geom_solref[other, 1] >= 1.0:
+            thickness_m = 2 * float(model.geom_aabb[other, 3:].min())
+            friction = float(model.geom_friction[other, 0])
+            yield Obstacle(distance_m, speed, int(self.geom_rows[mine]), thickness_m, friction)
+
+    def _can_touch(self, a: int, b: int) -> bool:
+        """Whether two geoms of different trees can touch."""
+        model = self.model
+        if not (model.geom_contype[a] & model.geom_conaffinity[b] or model.geom_contype[b] & model.geom_conaffinity[a]):
+            return False
+        low, high = sorted((int(model.geom_bodyid[a]), int(model.geom_bodyid[b])))
+        return not (model.exclude_signature == (low << 16) + high).any()
 
     def forward(self) -> None:
         """Computes all that depends on the state, such as contacts; the arena grows if it is exhausted.
@@ -384,12 +538,13 @@ class CompiledModel:
         state = copy.copy(self.data)
         while not run_mujoco(mujoco.mj_forward, self.model, self.data) or is_exhausted(self.data):
             self.model = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
-            self.data, self.before = copy_state(self.model, state), None
+            self.data, self.before, self.begin = copy_state(self.model, state), None, None
 
     def __getstate__(self) -> tuple[None, dict[str, object]]:
         """The state to pickle, without the data that are allocated again when they are needed."""
         return None, {each.name: getattr(self, each.name) for each in fields(self)} | {
             "before": None,
+            "begin": None,
             "divided": None,
         }
 

@@ -179,6 +179,10 @@ _MAX_BEYOND_LIMIT = 0.05
 _POSE_TOLERANCE = 1e-5
 """Rounding error of a single-precision pose some ten meters from the origin [m, rad]."""
 
+_CHECK_PERIOD_S = 0.1
+"""The simulated time after which pairs are checked that overlapped when they were added [s]."""
+_ROUNDING_S = 1e-9
+
 ModelEdit = Callable[[PhysicsModelBuilder, Array], object]
 
 
@@ -196,6 +200,8 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         self._builder = PhysicsModelBuilder()
         self._sent_state = ModelState()
         self._forces: list[wire.Force] = []
+        self._until_check_s = _CHECK_PERIOD_S
+        """The simulated time until pairs that overlapped are checked."""
         self._revision = 0
         self._remote_ids: tuple[BodyId, ...] = ()
         """The bodies of that revision, in the order of its rows."""
@@ -334,6 +340,7 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
             tolerance = _MAX_BEYOND_LIMIT if restores else _POSE_TOLERANCE
             check_joint_limits(self._builder, id, normalized_pose_array(pose), self._poses_by_id(), tolerance=tolerance)
         self._place(id, pose)
+        self._include_separated_pairs()
 
     def _place(self, id: BodyId, pose: Pose, moving: Sequence[BodyId] | None = None) -> None:
         """Moves a body, and others with it: by default those that move with it."""
@@ -387,14 +394,26 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
     @checked
     def step(self, duration_s: Duration) -> None:
         self._builder.mark_simulated()
-        self._step_returns_poses &= self._pose_rows is None
-        read_poses, self._pose_rows = self._step_returns_poses, None
         forces = tuple(force for force in self._forces if force.id in self._builder.registry.bodies)
         self._forces.clear()
+        remaining_s = duration_s
+        while self._builder.collision_filter.temporary_pairs and remaining_s > self._until_check_s:
+            remaining_s -= self._until_check_s
+            self._step_part(self._until_check_s, forces)
+        self._step_part(remaining_s, forces)
+
+    def _step_part(self, duration_s: float, forces: tuple[wire.Force, ...]) -> None:
+        """Steps until pairs that overlapped are checked, at most."""
+        self._step_returns_poses &= self._pose_rows is None
+        read_poses, self._pose_rows = self._step_returns_poses, None
         reply = self._step(wire.Step.Request(duration_s=duration_s, forces=forces, packed=read_poses))
         if read_poses and reply.revision == self._revision:
             self._pose_rows = self._in_registry_order(self._unpack_poses("step", reply.rows))
         self._stop_fallen()
+        if self._builder.collision_filter.temporary_pairs:
+            self._until_check_s -= duration_s
+            if self._until_check_s <= _ROUNDING_S:
+                self._include_separated_pairs()
 
     def poses(self) -> tuple[tuple[BodyId, ...], PoseArray]:
         self._require_open().wait_ready()
@@ -437,6 +456,24 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         request = wire.SetPose.Request(id=fallen[0], pose=pose_message(poses[fallen[0]]))
         self._send_edit(wire.SetPose, request, self._sent_state.diff_to(sent, poses=poses))
         self._commit(trial, sent)
+
+    def include_touching_pairs(self) -> None:
+        """See `AssumingEngine`."""
+        self._include_separated_pairs(are_touching=True)
+
+    def _include_separated_pairs(self, *, are_touching: bool = False) -> None:
+        """Lets pairs collide that overlapped when they were added, and are apart now, or `are_touching`."""
+        self._until_check_s = _CHECK_PERIOD_S
+        if not self._builder.collision_filter.temporary_pairs:
+            return
+        poses, ids = self._current_poses(), self._builder.registry.ids
+        if apart := self._builder.separated_pairs(poses, are_touching=are_touching):
+            trial = self._builder.copy()
+            trial.include_pairs(apart)
+            sent, (id, _) = ModelState.from_builder(trial), min(apart)
+            pose = pose_message(pose_from_array(poses[ids.index(id)]))
+            self._send_edit(wire.SetPose, wire.SetPose.Request(id=id, pose=pose), self._sent_state.diff_to(sent))
+            self._commit(trial, sent)
 
     # -- edits ---------------------------------------------------------------------------------------------------------
 
@@ -508,8 +545,14 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         """Takes over a world that was edited remotely; the next edit sends the whole model again."""
         before, builder = self._builder, PhysicsModelBuilder()
         world = super().snapshot()
-        immovable = frozenset(before.registry.immovable)
-        builder.apply(Spawn(world, geometry=before.geometry, immovable=immovable, settle=False), np.zeros((0, 7)))
+        spawn = Spawn(
+            world,
+            geometry=before.geometry,
+            immovable=frozenset(before.registry.immovable),
+            uncertain_poses=before.uncertain_poses,
+            settle=False,
+        )
+        builder.apply(spawn, np.zeros((0, 7)))
         builder.ground, builder.late_notes = before.ground, before.late_notes
         self._commit(builder, ModelState(ground=_ground_change(before.ground)))
 

@@ -203,10 +203,10 @@ class Drawer(ShapeTemplate, frozen=True, kw_only=True):
     floor: Thickness = 0.008
     gap: Length = 0.006
     """Distance between the sides and the edges of the front panel [m], the room for slides and neighbors."""
-    level: float | None = None
-    """Height at which contents stand, from the center [m]; None for the floor."""
+    levels: tuple[float, ...] = ()
+    """Heights at which contents stand, from the center [m]; the lowest is the floor, others are trays."""
     trays: Count | None = None
-    """Number of trays, from bottom to top; None derives it from the height."""
+    """Number of trays, from bottom to top, if contents do not give them; None derives it from the height."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         depth, width, height = builder.size.tolist()
@@ -215,31 +215,28 @@ class Drawer(ShapeTemplate, frozen=True, kw_only=True):
         gap = min(self.gap, width / 10, height / 10)
         start, end = low + np.array([0.0, gap, gap]), high - [panel, gap, gap]
         floor = float(start[2]) + min(self.floor, height / 6)
-        if self.level is not None and low[2] + 1e-4 < self.level < high[2]:
-            floor = self.level
+        levels = [level for level in sorted(self.levels) if low[2] + 1e-4 < level < end[2] - _MIN_ROOM_M]
+        if levels:
+            floor = levels[0]
             start[2] = max(float(low[2]), min(float(start[2]), floor - min(self.floor, height / 6)))
         if min(end[0] - start[0], end[1] - start[1]) - 2 * wall < _MIN_ROOM_M or end[2] - floor < _MIN_ROOM_M:
             raise TemplateFitError("too small for its walls")
         builder.add_box("front", [high[0] - panel, low[1], low[2]], high, rounding=0.003)
-        trays = self.trays if self.trays is not None else int(height / 0.45) if height > 2 * width else 1
-        step = (float(end[2]) - floor) / max(trays, 1)
+        count = self.trays if self.trays is not None else int(height / 0.45) if height > 2 * width else 1
+        step = (float(end[2]) - floor) / max(count, 1)
+        bottoms = levels if len(levels) > 1 else [floor + number * step for number in range(max(count, 1))]
         builder.add_box(
             "body",
             start,
-            [start[0] + wall, end[1], end[2]] if trays > 1 else [start[0] + wall, *end[1:]],
+            [start[0] + wall, end[1], end[2]] if len(bottoms) > 1 else [start[0] + wall, *end[1:]],
             rounding=0.002,
         )
-        for number in range(max(trays, 1)):
-            bottom = floor + number * step
-            side = min(0.09, 0.4 * step) if trays > 1 else float(end[2]) - bottom
-            thickness = bottom - float(start[2]) if number == 0 else min(self.floor, step / 4)
-            self._add_tray(
-                builder,
-                start,
-                end,
-                wall,
-                (bottom - thickness, bottom, bottom + side, bottom + step - min(self.floor, step / 4)),
-            )
+        rooms = [above - bottom for bottom, above in pairwise([*bottoms, float(end[2])])]
+        board = min(self.floor, min(rooms) / 4)
+        for bottom, room in zip(bottoms, rooms, strict=True):
+            side = min(0.09, 0.4 * room) if len(bottoms) > 1 else room
+            under = float(start[2]) if bottom == floor else bottom - board
+            self._add_tray(builder, start, end, wall, (under, bottom, bottom + side, bottom + room - board))
 
     def _add_tray(
         self, builder: GeometryBuilder, start: Array, end: Array, wall: float, levels: tuple[float, float, float, float]

@@ -408,6 +408,8 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
     mesh: str | None = None
     joint: JointSummary | None = None
     """Only if the individual is a joint."""
+    assumed: tuple[str, ...] = ()
+    """What no map states and its reader assumed, such as `mobility`, or the `axis`, `limits` or `parent` of a joint."""
     tags: tuple[Tag, ...] = ()
     facts: tuple[PropertyAssertion, ...] = ()
     """All other statements: those of the map that have no field here, and those asserted at run time."""
@@ -501,9 +503,12 @@ def _description(
                 mass_kg=physics.mass_kg,
                 mobility=physics.mobility.value if physics.mobility else None,
                 mesh=entity.mesh,
+                assumed=physics.assumed,
             )
         case Joint():
-            return msgspec.structs.replace(description, joint=_joint_summary(kb.world(map), entity))
+            return msgspec.structs.replace(
+                description, joint=_joint_summary(kb.world(map), entity), assumed=entity.assumed
+            )
         case _:
             return description
 
@@ -522,6 +527,8 @@ def _explain_individual(kb: QuestionContext, row: IndividualDescription) -> Iter
         yield from membership_lines(kb.reasoner, row.individual, cls)
         yield from subclass_line(classes.path(cls, farthest))
     yield from _lines_of_class_values(kb, row)
+    for name in row.assumed:
+        yield f"no map states the {name} of {local_name(row.individual)}: it is assumed"
 
 
 def _lines_of_class_values(kb: QuestionContext, row: IndividualDescription) -> Iterator[str]:

@@ -33,6 +33,7 @@ from mindstage.maps.rdf_mapping.nested import NESTED_ANGULAR_LIMITS, NESTED_LINE
 from mindstage.maps.rdf_mapping.properties import MASS, QUATERNION, TRANSLATION, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, part_name
 from mindstage.rdf.vocabulary import (
+    ASSUMED,
     CHILD,
     CONSTRAINT,
     EQUIVALENT_CLASS,
@@ -55,6 +56,7 @@ from mindstage.scene import (
     Iri,
     IriRef,
     LinearLimits,
+    Literal,
     Pose,
     PropertyAssertion,
     Vector,
@@ -130,6 +132,7 @@ class _AmevaJointReader:
         if HAS_LINEAR in given or HAS_ANGULAR in given:
             return
         linear, angular, motion = self._infer_motion(joint, base, moving)
+        self._add(joint, PropertyAssertion(ASSUMED, Literal("axis limits")))
         self._add_nested(joint, NESTED_LINEAR_LIMITS, linear)
         self._add_nested(joint, NESTED_ANGULAR_LIMITS, angular)
         self.source_map.report(

@@ -24,15 +24,17 @@ from numpy.typing import NDArray
 from mindstage.maps.dialects.conventions import SizeFrame, UnitConventions
 from mindstage.maps.dialects.map_statistics import is_constraint
 from mindstage.maps.dialects.membership import pose_facts, references, types_of
+from mindstage.maps.dialects.mesh_faces import Anchors, SideChoice, choose_sides
 from mindstage.maps.dialects.mesh_pivots import PivotChoice, find_pivots
 from mindstage.maps.dialects.source_map import SourceMap, ignore_finding
 from mindstage.maps.dialects.unit_conversion import center_poses, pivot_of
 from mindstage.maps.rdf_mapping.fields import ClassGeometry, parse_tags
-from mindstage.maps.rdf_mapping.properties import MESH, QUATERNION, SIZE, TRANSLATION, literal_text
+from mindstage.maps.rdf_mapping.properties import ANGULAR_LIMITS, MESH, QUATERNION, SIZE, TRANSLATION, literal_text
 from mindstage.rdf.graphs import Severity, local_name
 from mindstage.rdf.vocabulary import (
     CHILD,
     GIVEN_SIZES,
+    HAS_ANGULAR,
     JOINT_CLASSES,
     ONTOLOGY,
     PARENT,
@@ -40,7 +42,7 @@ from mindstage.rdf.vocabulary import (
     SIZES,
     TAGS_DATA,
 )
-from mindstage.scene import Iri, Literal, PropertyAssertion
+from mindstage.scene import AxisMotion, Iri, Literal, PropertyAssertion
 from mindstage.scene.bounding_boxes import Indices, OrientedBoxes, overlapping_pairs
 from mindstage.scene.transforms import Array, normalize, rotation_matrix
 
@@ -760,13 +762,19 @@ class _PivotFinder:
                 centers[group.rows] += bodies.rotations[group.rows] @ offset
                 found.append((group, offset, "its mesh has the origin there"))
         boxes = OrientedBoxes(centers, bodies.rotations, bodies.sizes / 2)
-        for group, choice in zip(unknown, find_pivots(boxes, classes, bodies.links), strict=True):
-            offset = choice.sides * bodies.sizes[group.rows[0]] / 2
-            if choice.tied:
+        choices = find_pivots(boxes, classes, bodies.links)
+        given = np.array([choice.sides for choice in choices]).reshape(-1, 3)
+        refined = choose_sides(boxes, classes, bodies.links, _anchors(self.source_map, bodies), given)
+        for group, choice, chosen in zip(unknown, choices, refined, strict=True):
+            offset = chosen.sides * bodies.sizes[group.rows[0]] / 2
+            if choice.tied and not chosen.sides[list(choice.tied)].any() and not chosen.undecided:
                 self._report_tie(group, choice)
+            if chosen.undecided:
+                self._report_undecided(group, chosen)
             if offset.any():
                 better = "what is around it is then held better" if choice.holds_others else "it is then held better"
-                found.append((group, offset, f"{better}, margin {choice.margin:.1f}"))
+                moved = np.where(choice.sides == chosen.sides, choice.margin, chosen.margins)[offset != 0.0]
+                found.append((group, offset, f"{better}, margin {moved.min():.1f}"))
         if not found:
             return
         evidence = "; ".join(f"{_group_text(group)}: {reason}" for group, _, reason in found)
@@ -781,6 +789,49 @@ class _PivotFinder:
         problem = f"{sides} of its box fit equally well as the origin of its mesh, and better than the center"
         action = "along this axis, its bodies are where they are with the center"
         self.source_map.report(Severity.WARNING, group.cls, PIVOT, problem, action)
+
+    def _report_undecided(self, group: _Group, choice: SideChoice) -> None:
+        texts, kept = [], []
+        for axis in choice.undecided:
+            names = [_SIDE_NAMES[axis][1], "center", _SIDE_NAMES[axis][0]]
+            first, second = np.argsort(-choice.chances[axis], kind="stable")[:2].tolist()
+            chances = choice.chances[axis, [first, second]]
+            texts.append(f"{names[first]} and {names[second]} ({chances[0]:.2f} and {chances[1]:.2f})")
+            kept.append(names[int(choice.sides[axis]) + 1])
+        bodies = _examples([local_name(self.bodies.members[row]) for row in group.rows.tolist()], "{}")
+        problem = f"{', '.join(texts)} of its box may be the origin of its mesh, by faces in common planes"
+        action = f"{' and '.join(kept)} of the box counts, for {bodies}"
+        self.source_map.report(Severity.WARNING, group.cls, PIVOT, problem, action)
+
+
+def _anchors(source_map: SourceMap, bodies: _Bodies) -> Anchors:
+    """Returns the points of joints, which are on the smaller one of their bodies."""
+    at = {member: row for row, member in enumerate(bodies.members)}
+    volumes = np.prod(bodies.sizes, axis=1)
+    rows: list[int] = []
+    points: list[tuple[float, ...]] = []
+    axes: list[Array] = []
+    for member in source_map.members:
+        facts = source_map.graph.get(member, ())
+        types = types_of(facts)
+        ends = [at[each] for each in (*references(facts, PARENT), *references(facts, CHILD)) if each in at]
+        pose = pose_facts(source_map.graph, facts) if ends and member not in at else None
+        point = None if pose is None else TRANSLATION.first_value(pose)
+        if point is not None and (is_constraint(types, source_map.hierarchy) or JOINT_CLASSES.intersection(types)):
+            rows.append(min(ends, key=volumes.__getitem__))
+            points.append(point)
+            axes.append(_hinge_axis(source_map, facts, QUATERNION.first_value(pose or ())))
+    return Anchors(np.array(rows, dtype=np.intp), np.array(points).reshape(-1, 3), np.array(axes).reshape(-1, 3))
+
+
+def _hinge_axis(source_map: SourceMap, facts: Sequence[PropertyAssertion], quaternion: Sequence[float] | None) -> Array:
+    """Returns the direction that a joint turns about, if it is the only motion that its map gives; otherwise 0."""
+    limits = [source_map.graph.get(node, ()) for node in references(facts, HAS_ANGULAR)]
+    motions = [ANGULAR_LIMITS[name].first_value(limits[0]) for name in ("twist", "swing2", "swing1")] if limits else []
+    free = [axis for axis, motion in enumerate(motions) if motion not in (None, AxisMotion.LOCKED)]
+    if quaternion is None or len(free) != 1:
+        return np.zeros(3)
+    return np.asarray(rotation_matrix(normalize(np.array([quaternion], dtype=np.float64)))[0][:, free[0]])
 
 
 def _mesh_offset(group: _Group, size: Array) -> Array | None:

@@ -171,6 +171,7 @@ class JointEnds:
             problem = f"its joint moves the handle {local_name(child)}, and nothing holds {local_name(parent)}"
             self._normalizer.warn(parent, "", problem, "the handle moves alone")
             return parent, child
+        self._normalizer.assumed.setdefault(parent, []).append("parent")
         self._normalizer.add(parent, CHILD, IriRef(child))
         self._normalizer.carried_pairs.add(frozenset((parent, child)))
         self._carried.append(f"{local_name(parent)} with {local_name(child)} out of {local_name(holder)}: {evidence}")

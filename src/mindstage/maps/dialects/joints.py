@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from mindstage.scene import AngularLimits, AxisMotion, LinearLimits, Pose, SoftLimit, Vector
-from mindstage.scene.joint_kinematics import ObservedBox, front_side
+from mindstage.scene.joint_kinematics import ObservedBox, drawer_front, front_side
 from mindstage.scene.transforms import Array, pose_from_array
 
 __all__ = [
@@ -174,6 +174,12 @@ def infer_prismatic_axis(parent: ObservedBox, child: ObservedBox, handle: Observ
         child: the body that slides, such as a drawer.
         handle: the handle of the child, if there is one.
     """
+    level = [axis for axis in child.axes if abs(float(axis @ _UP)) < _PARALLEL_COSINE]
+    if handle is None:
+        fronts = [(axis, found) for axis in level if (found := drawer_front(child, parent, axis)) is not None]
+        if len(fronts) == 1:
+            axis, front = fronts[0]
+            return InferredAxis(child.center, front.sign * axis, front.evidence, opens=1)
     for base, other, evidence in ((child, handle, "its handle is on that side"), (parent, child, "it is on that side")):
         if other is None:
             continue

@@ -348,6 +348,7 @@ class _Knowrob1JointReader:
             for attribute, given in (("position", origin), ("axis", axis)):
                 if given is None:
                     self.inferred.setdefault(attribute, []).append(joint)
+                    self.normalizer.assumed.setdefault(child, []).append(attribute)
         boxes = self.normalizer.box(parent), self.normalizer.box(child), self._find_handle(child)
         if joint_type is JointType.REVOLUTE:
             inferred, conflicts = infer_hinge_axis(
@@ -376,6 +377,8 @@ class _Knowrob1JointReader:
             inferred = InferredAxis(origin, axis, "it is given")
         if range is None:
             range = self._missing_range(joint, joint_type, boxes[1], inferred)
+            if range is not None:
+                self.normalizer.assumed.setdefault(child, []).append("limits")
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
 
     def _missing_range(

@@ -15,6 +15,7 @@ from mindstage.maps.rdf_mapping.nested import NESTED_RESOURCES
 from mindstage.maps.rdf_mapping.properties import QUATERNION, TRANSLATION
 from mindstage.rdf.graphs import FindingSink, Graph, Severity, local_name, namespace_of
 from mindstage.rdf.vocabulary import (
+    ASSUMED_PARENT,
     CHILD,
     CONNECTIONS,
     CONSTRAINT,
@@ -119,7 +120,7 @@ def _assign_constraints(
     ends: dict[Iri, list[Iri]] = {}
     for constraint in constraints:
         if constraint not in maps:
-            references = (fact for fact in graph[constraint] if fact.property in (PARENT, CHILD))
+            references = (fact for fact in graph[constraint] if fact.property in (ASSUMED_PARENT, PARENT, CHILD))
             ends[constraint] = [fact.value.iri for fact in references if isinstance(fact.value, IriRef)]
     if not ends:
         return

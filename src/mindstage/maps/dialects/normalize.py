@@ -27,12 +27,22 @@ from mindstage.maps.rdf_mapping.nested import (
 )
 from mindstage.maps.rdf_mapping.properties import PropertyCodec, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, part_name
-from mindstage.rdf.vocabulary import CHILD, CONSTRAINT, DESCRIBED_IN_MAP, HAS_LINEAR, HAS_POSE, PARENT, TYPE
+from mindstage.rdf.vocabulary import (
+    ASSUMED_PARENT,
+    CHILD,
+    CONSTRAINT,
+    DESCRIBED_IN_MAP,
+    HAS_LINEAR,
+    HAS_POSE,
+    PARENT,
+    TYPE,
+)
 from mindstage.scene import (
     BlankNode,
     FactValue,
     Iri,
     IriRef,
+    Literal,
     Material,
     Mobility,
     Pose,
@@ -63,6 +73,8 @@ class DialectNormalizer:
         self.carried_pairs: set[frozenset[Iri]] = set()
         """Pairs of bodies that move together, although the map has a joint between them."""
         self.movable: dict[Iri, None] = {}
+        self.assumed: dict[Iri, list[str]] = {}
+        """By the child of a joint, what is assumed about the joint; see `Joint.assumed`."""
         """Children of joints with a free or limited axis."""
         self._suppressed: set[tuple[str, str]] = set()
         self._facts_added: dict[Iri, set[PropertyAssertion]] = {}
@@ -146,13 +158,15 @@ class DialectNormalizer:
         self._set_nested(iri, NESTED_LINEAR_LIMITS, joint.linear)
         self._set_nested(iri, NESTED_ANGULAR_LIMITS, joint.angular)
         self.joined_pairs.add(frozenset((parent, child)))
+        if child in self.assumed:
+            self.add(iri, codecs.ASSUMED.property, Literal(" ".join(self.assumed[child])))
         if joint.is_movable:
             self.movable[child] = None
 
     def _existing_joint_pairs(self) -> Iterator[frozenset[Iri]]:
         for member in self.members:
             if self.values(member, HAS_LINEAR):
-                for parent in self.references(member, PARENT):
+                for parent in self.references(member, PARENT, ASSUMED_PARENT):
                     yield from (frozenset((parent, child)) for child in self.references(member, CHILD))
 
     def _set_nested(self, owner: Iri, nested_resource: NestedResource[Any], value: object) -> None:
@@ -213,7 +227,7 @@ class DialectNormalizer:
         """Makes children of movable joints dynamic where the map gives no mobility, and records the assumption."""
         unset = [child for child in self.movable if self.first_value(child, codecs.MOBILITY) is None]
         for child in unset:
-            self.prepend_value(child, codecs.MOBILITY, Mobility.DYNAMIC)
+            self.prepend_value(child, codecs.ASSUMED_MOBILITY, Mobility.DYNAMIC)
         if unset:
             evidence = (
                 f"joints let {len(unset)} bodies move, and their mobility is not given: {abbreviated_names(unset)}"

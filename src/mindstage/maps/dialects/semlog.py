@@ -52,6 +52,7 @@ from mindstage.maps.rdf_mapping.properties import (
 )
 from mindstage.rdf.graphs import FindingSink, Severity, assign_ids, local_name
 from mindstage.rdf.vocabulary import (
+    ASSUMED_PARENT,
     CHILD,
     CONSTRAINT,
     DESCRIBED_IN_MAP,
@@ -228,7 +229,8 @@ class _SemlogReader:
         """Returns the parent and the child of a joint, or None if one of them or its pose is missing."""
         ends = []
         for role in (PARENT, CHILD):
-            end = self._resolve_end(reader, role, bodies) or relations.ends.get((reader.subject, role))
+            assumed = self._resolve_end(reader, ASSUMED_PARENT, bodies) if role == PARENT else None
+            end = self._resolve_end(reader, role, bodies) or assumed or relations.ends.get((reader.subject, role))
             if end is None:
                 name = local_name(role)
                 self._report_omitted(reader.subject, role, f"its {name} is missing, or is not a body of this map")
@@ -288,7 +290,8 @@ class _SemlogReader:
         reader = self.readers[iri]
         cls = self._most_specific_class(reader)
         classes = (cls, *(other for other in self.types[iri] if other != cls))
-        shape = reader.read(codecs.SHAPE)
+        shape, mobility = reader.read(codecs.SHAPE), reader.read(codecs.MOBILITY)
+        assumed = None if mobility else reader.read(codecs.ASSUMED_MOBILITY)
         return Body(
             id=id,
             iri=iri,
@@ -299,7 +302,8 @@ class _SemlogReader:
             mesh=read_mesh(reader, classes, all_classes=given.all_classes, map_classes=given.map_classes),
             shape=None if shape is None else PrimitiveShape(type=shape),
             physics=BodyPhysics(
-                mobility=reader.read(codecs.MOBILITY),
+                mobility=mobility or assumed,
+                assumed=("mobility",) if assumed else (),
                 gravity=reader.read(codecs.GRAVITY),
                 overlap_events=reader.read(codecs.OVERLAP_EVENTS),
                 mass_kg=reader.read(codecs.MASS),
@@ -334,6 +338,7 @@ class _SemlogReader:
             angular=angular,
             disable_collision=reader.read(codecs.DISABLE_COLLISION),
             mimic=self._mimic(reader, joint_ids),
+            assumed=tuple((reader.read(codecs.ASSUMED) or "").split()),
             tags=read_tags(reader),
             facts=reader.remaining(),
         )

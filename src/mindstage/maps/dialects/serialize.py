@@ -31,6 +31,7 @@ from mindstage.maps.rdf_mapping.nested import (
 from mindstage.maps.rdf_mapping.properties import SubjectReader, SubjectWriter
 from mindstage.rdf.graphs import Severity, local_name, namespace_of, part_name, xml_local_name
 from mindstage.rdf.vocabulary import (
+    ASSUMED_PARENT,
     CHILD,
     CONSTRAINT,
     DESCRIBED_IN_MAP,
@@ -157,6 +158,7 @@ class _WorldSerializer:
         self.top_level = {world.iri, *self.iris.values(), *_omitted_individuals(world)}
         self.nested_resources: dict[Iri, tuple[NestedResource[Any], Any, SubjectBlock]] = {}
         self.parents: dict[BodyId, list[Iri]] = {}
+        self.jointed = {end for joint in world.joints for end in (joint.parent, joint.child)}
         self.children: dict[BodyId, list[Iri]] = {}
         for attachment in world.attachments:
             self.parents.setdefault(attachment.child, []).append(self._body_iri(attachment.parent, attachment.child))
@@ -224,7 +226,10 @@ class _WorldSerializer:
             writer.add_reference(PARENT, parent)
         writer.write(codecs.LABEL_CODEC, body.label)
         physics = body.physics
-        writer.write(codecs.MOBILITY, physics.mobility)
+        writer.write(codecs.MOBILITY, physics.stated_mobility)
+        # That of other bodies is assumed again when the map is read.
+        is_assumed = "mobility" in physics.assumed and body.id in self.jointed
+        writer.write(codecs.ASSUMED_MOBILITY, physics.mobility if is_assumed else None)
         writer.write(codecs.MASS, physics.mass_kg)
         writer.write(codecs.OVERLAP_EVENTS, physics.overlap_events)
         writer.write(codecs.GRAVITY, physics.gravity)
@@ -240,9 +245,11 @@ class _WorldSerializer:
 
     def _joint(self, joint: Joint) -> Iterator[SubjectBlock]:
         writer = self._start_entity(joint, CONSTRAINT)
-        writer.add_reference(PARENT, self._body_iri(joint.parent, joint.id))
+        role = ASSUMED_PARENT if "parent" in joint.assumed else PARENT
+        writer.add_reference(role, self._body_iri(joint.parent, joint.id))
         writer.add_reference(CHILD, self._body_iri(joint.child, joint.id))
         write_tags(writer, joint.tags)
+        writer.write(codecs.ASSUMED, " ".join(joint.assumed) or None)
         writer.write(codecs.DISABLE_COLLISION, joint.disable_collision)
         mimic = joint.mimic
         writer.write(codecs.MIMICS, None if mimic is None else self._body_iri(mimic.joint, joint.id))
@@ -323,7 +330,9 @@ def _omitted_individuals(world: World) -> Iterator[Iri]:
     """Individuals of the map that are not in the world; they cannot be nested resources."""
     for resource in world.resources:
         types = types_of(resource.facts)  # a nested resource with a map of its own has no owner any more
-        map_properties = (PARENT, CHILD, DESCRIBED_IN_MAP) if CONSTRAINT in types else (DESCRIBED_IN_MAP,)
+        map_properties = (
+            (ASSUMED_PARENT, PARENT, CHILD, DESCRIBED_IN_MAP) if CONSTRAINT in types else (DESCRIBED_IN_MAP,)
+        )
         if types and any(fact.property in map_properties for fact in resource.facts):
             yield resource.iri
 

@@ -204,6 +204,7 @@ class _SomaJointReader:
             for attribute, given in (("position", origin), ("axis", axis)):
                 if given is None and (axis is None or joint_type is JointType.REVOLUTE):
                     self.inferred.setdefault(attribute, []).append(child)
+                    self.normalizer.assumed.setdefault(child, []).append(attribute)
             if joint_type is JointType.REVOLUTE:
                 evidence = HingeEvidence(
                     parent=base,
@@ -228,6 +229,8 @@ class _SomaJointReader:
                 axis = inferred.axis if axis is None else axis
             if range is None and _CONTINUOUS not in self._class_names(node):
                 range = self._missing_range(parent, joint_type, moving, inferred)
+                if range is not None:
+                    self.normalizer.assumed.setdefault(child, []).append("limits")
         origin = moving.center if origin is None else origin
         return joint_from_axis(joint_type, origin, np.array([1.0, 0.0, 0.0]) if axis is None else axis, range)
 

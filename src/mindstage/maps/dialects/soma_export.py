@@ -293,6 +293,8 @@ class _SomaWriter:
             facts.append(PropertyAssertion(RESTATES, IriRef(HAS_COMPONENT)))
 
     def _write_joint(self, joint: Joint) -> None:
+        if "parent" in joint.assumed:
+            return  # it stays in the vocabulary of dialect 1, with the mark that it is assumed
         parent, child = self.bodies[joint.parent], self.bodies[joint.child]
         facts = self.blocks[parent.iri].facts
         # A map may name the two ends the other way round, or the handle in place of the drawer (see `joint_ends.py`).

@@ -167,7 +167,7 @@ class _KinematicsReader:
         self.frames[link] = frame
         normalizer.set_pose(link, pose_from_array(frame))
         if normalizer.first_value(link, codecs.MOBILITY) is None:
-            normalizer.prepend_value(link, codecs.MOBILITY, Mobility.DYNAMIC if is_movable else Mobility.STATIC)
+            normalizer.prepend_value(link, codecs.ASSUMED_MOBILITY, Mobility.DYNAMIC if is_movable else Mobility.STATIC)
         mass = next(self._numbers(link, _MASS), None)
         if mass is not None and mass > 0.0 and normalizer.first_value(link, codecs.MASS) is None:
             normalizer.prepend_value(link, codecs.MASS, mass)
@@ -211,6 +211,7 @@ class _KinematicsReader:
         axis = self._axis(joint)
         if axis is None:
             self.without_axis.append(joint)
+            self.normalizer.assumed.setdefault(link, []).append("axis")
             axis = np.array([0.0, 0.0, 1.0])
         limits = joint_from_axis(joint_type, frame[:3], quat_rotate(frame[3:], axis), self._range(joint, joint_type))
         # Some robots have a link and a joint of the same name.

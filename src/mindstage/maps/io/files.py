@@ -88,8 +88,8 @@ _NOT_OF_DOCUMENTS = frozenset({"idna", "punycode", "unicode_escape", "raw_unicod
 _DECLARED_ENCODING = re.compile(rb"""^\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z][\w.-]*)["']""")
 _WIDE_ENCODINGS = re.compile(r"utf-?(16|32)|ucs-?[24]", re.IGNORECASE)
 _DECLARATION = re.compile(r"^\s*<\?xml.*?\?>", re.DOTALL)
-_OLD_NAMESPACE = re.compile(rb"http://ias\.cs\.tum\.edu/kb/(knowrob|srdl2(?:-comp|-cap)?)\.owl(?![^#\"'<>\s])")
-_CURRENT_NAMESPACE = re.compile(rb"http://knowrob\.org/kb/(knowrob|srdl2(?:-comp|-cap)?)\.owl(?![^#\"'<>\s])")
+_OLD_NAMESPACE = re.compile(rb"http://ias\.cs\.tum\.edu/kb/(knowrob|srdl2(?:-[a-z]+)?)\.owl(?![^#\"'<>\s])")
+_CURRENT_NAMESPACE = re.compile(rb"http://knowrob\.org/kb/(knowrob|srdl2(?:-[a-z]+)?)\.owl(?![^#\"'<>\s])")
 _RENAMED = "Names of http://ias.cs.tum.edu/kb are replaced by those of http://knowrob.org/kb, except:"
 _RENAMED_NOTE = re.compile(rf"(?:<!--|#) {re.escape(_RENAMED)} (.*?) \.(?: -->)?\n".encode())
 _EMPTY_BASE = re.compile(rb"""(<[^<>!?]*)\sxml:base\s*=\s*(?:""|'')""")

@@ -16,12 +16,15 @@ from enum import Enum
 from typing import Any, Generic, TypeVar
 
 from mindstage.errors import MapWriteError
+from mindstage.rdf import vocabulary
 from mindstage.rdf.graphs import FindingSink, Severity
 from mindstage.rdf.vocabulary import LABEL, UNTOLD, knowrob, ms, xsd
 from mindstage.scene import AxisMotion, FactValue, Iri, IriRef, Literal, Mobility, PrimitiveType, PropertyAssertion
 
 __all__ = [
     "ANGULAR_LIMITS",
+    "ASSUMED",
+    "ASSUMED_MOBILITY",
     "BOUNDING_BOX",
     "COLOR",
     "DISABLE_COLLISION",
@@ -213,6 +216,10 @@ MESH = _path(knowrob("pathToCadModel"))
 SHAPE = _enum(ms("shape"), PrimitiveType)
 
 MOBILITY = _enum(knowrob("mobility"), Mobility)
+ASSUMED_MOBILITY = _enum(vocabulary.ASSUMED_MOBILITY, Mobility)
+"""A mobility that no map states; see `BodyPhysics.assumed`."""
+ASSUMED = _text(vocabulary.ASSUMED)
+"""What of a joint no map states: the names of `Joint.assumed`, separated by spaces."""
 GRAVITY = _boolean(knowrob("gravity"))
 OVERLAP_EVENTS = _boolean(knowrob("overlapEvents"))
 MASS = _number(knowrob("mass"), minimum=0.0)

@@ -22,7 +22,7 @@ from xml.dom import expatbuilder, minidom
 from xml.parsers.expat import ExpatError
 
 from mindstage.access.limits import XACRO_STEPS
-from mindstage.errors import SourceParseError
+from mindstage.errors import SourceParseError, suggestion
 from mindstage.maps.urdf.xacro_expressions import (
     MATH,
     PYTHON,
@@ -93,6 +93,7 @@ class XacroExpander:
         self._working_folder = os.getcwd()
         self._steps = steps
         self._interpreter = Interpreter()
+        self._known_arguments: set[str] = set()
 
     def expand(self, path: str, arguments: Mapping[str, str] | None = None) -> str:
         """Returns the XML of a file after expansion.
@@ -102,9 +103,11 @@ class XacroExpander:
             arguments: values of `xacro:arg` elements, by name.
 
         Raises:
-            SourceParseError: it cannot be read or expanded, or exceeds a limit; its cause has one line.
+            SourceParseError: it cannot be read or expanded, exceeds a limit, or neither declares nor uses one of the
+                arguments; its cause has one line.
         """
-        library = self._library
+        library, given = self._library, dict(arguments or {})
+        self._known_arguments = set()
         self._interpreter = Interpreter(
             steps=self._steps,
             namespace_types=[library.NameSpace],
@@ -114,7 +117,7 @@ class XacroExpander:
         try:
             with self._replaced(), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                text: str = library.process_file(path, mappings=dict(arguments or {}), verbosity=0).toxml()
+                text: str = library.process_file(path, mappings=dict(given), verbosity=0).toxml()
         except RecursionError:
             cause = "its macros, elements or expressions are nested too deeply"
         except MemoryError:
@@ -122,7 +125,11 @@ class XacroExpander:
         except Exception as error:  # the library raises anything
             cause = " ".join(str(error)[:_MESSAGE_CHARACTERS].split()) or type(error).__name__
         else:
-            return text
+            known = sorted(self._known_arguments)
+            unknown = next((name for name in given if name not in self._known_arguments), None)
+            if unknown is None:
+                return text
+            cause = f"it has no argument {unknown!r}; {suggestion(unknown, known, none='it declares none')}"
         raise SourceParseError(path, cause=cause)
 
     @contextmanager
@@ -184,7 +191,7 @@ class XacroExpander:
         """The names that every expression may use."""
         functions = {
             "abs_filename": lambda run, name: run.new(self._library.abs_filename_spec(run.text(name))),
-            "arg": lambda run, name: run.new(self._library.substitution_args_context["arg"][run.key(name)]),
+            "arg": lambda run, name: run.new(self._argument(run.key(name))),
             "dotify": lambda run, mapping: run.new(self._library.YamlDictWrapper(run.apply(PYTHON["dict"], mapping))),
             "fatal": self._fatal,
             "load_yaml": lambda run, name: self._load_yaml(run.text(name)),
@@ -201,6 +208,10 @@ class XacroExpander:
             "python": PYTHON,
             "xacro": xacro,
         }
+
+    def _argument(self, name: Any) -> Any:
+        self._known_arguments.add(name)
+        return self._library.substitution_args_context["arg"][name]
 
     def _fatal(self, run: Interpreter, *parts: Value) -> Value:
         raise self._library.XacroException(" ".join(map(run.text, parts)))
@@ -262,6 +273,8 @@ class XacroExpander:
             name, *arguments = (part for part in each.split(" ") if part) if each.strip(" ") else ("",)
             if name not in ("arg", "dirname", "env", "find", "optenv"):
                 raise self._substitutions.SubstitutionException(f"Unknown substitution command [{each}]")
+            if name == "arg":
+                self._known_arguments.update(arguments[:1])
             if name in commands:
                 place = f"$({each})"
                 value = run.text(commands[name](place, each, arguments, context))
@@ -273,7 +286,8 @@ class XacroExpander:
         """The value of `$(eval expression)`."""
         substitutions = self._substitutions
         arguments = context.setdefault("arg", {})
-        self._interpreter.spend(len(arguments))
+        self._interpreter.spend(len(arguments) + len(expression) // 16)
+        self._known_arguments.update(re.findall(r"\w+", expression))  # arguments are names there
         functions: dict[str, Callable[..., Value]] = {
             "arg": lambda run, name: run.new(substitutions.convert_value(arguments[run.text(name)], "auto")),
             "dirname": lambda run: run.new(substitutions._eval_dirname(context.get("filename"))),
@@ -314,9 +328,12 @@ class XacroExpander:
         except UnicodeDecodeError:
             text = data  # in the encoding that it declares
         try:
-            return _DocumentBuilder().parseString(text)
+            parsed = _DocumentBuilder().parseString(text)
         except ExpatError as error:
             raise self._library.XacroException(f"{path} is not well-formed XML: {error}") from error
+        declared = parsed.getElementsByTagName("xacro:arg")
+        self._known_arguments.update(node.getAttribute("name") for node in declared)
+        return parsed
 
     def _load_yaml(self, name: str) -> Value:
         """Returns the content of a YAML file; lengths and angles may have units (`!degrees`)."""

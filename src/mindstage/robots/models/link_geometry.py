@@ -7,7 +7,7 @@ physics needs none. Meshes keep the axes of their files: RViz and the planners o
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -75,7 +75,13 @@ VisualPart = PrimitivePart | MeshPart
 
 
 def read_link_geometries(
-    robot: UrdfRobot, path: Path, packages: RosPackagePath, *, cache: Path | None = None
+    robot: UrdfRobot,
+    path: Path,
+    packages: RosPackagePath,
+    *,
+    touching: Collection[str] = (),
+    divided: Collection[str] = (),
+    cache: Path | None = None,
 ) -> tuple[dict[str, BodyGeometry], list[ModelNote]]:
     """Reads the geometry of all links.
 
@@ -83,18 +89,24 @@ def read_link_geometries(
         robot: the robot description.
         path: its file; relative paths of meshes are relative to its folder.
         packages: where `package://` meshes are searched.
+        touching: the links that have to touch things; without collision shapes, they get those of their visual meshes.
+        divided: the links whose collision meshes are divided into convex parts; those of others are their hulls.
         cache: directory for imported meshes; by default in the user's cache.
 
     Returns:
-        The geometry of the links that have any, and notes on meshes that could not be used.
+        The geometry of the links that have any, and notes on meshes that could not be used, or are used for others.
     """
+    solid_parts = {each.name: each.collisions for each in robot.links}
+    bare = [each for each in robot.links if each.name in touching and each.visuals and not each.collisions]
+    solid_parts |= {each.name: each.visuals for each in bare}
     files = {
         part.mesh: _mesh_file(part.mesh, path, packages)
         for link in robot.links
         for part in (*link.visuals, *link.collisions)
         if part.mesh is not None
     }
-    solid = {part.mesh for link in robot.links for part in link.collisions if part.mesh is not None}
+    solid = {part.mesh for parts in solid_parts.values() for part in parts if part.mesh is not None}
+    in_parts = {part.mesh for name in divided for part in solid_parts[name] if part.mesh is not None}
     found = {name: file for name, file in files.items() if file is not None}
     imported, rejected = import_meshes(
         [file for name, file in found.items() if name in solid],
@@ -103,16 +115,22 @@ def read_link_geometries(
         keep_axes=True,
         visuals=False,
     )
+    parts, _ = import_meshes(
+        [file for name, file in found.items() if name in in_parts], folder=cache, keep_axes=True, visuals=False
+    )
     drawn = tuple(
         dict.fromkeys(found[part.mesh] for link in robot.links for part in link.visuals if part.mesh in found)
     )
     geometries = {}
     for link in robot.links:
-        shapes = [shape for part in link.collisions if (shape := _collision_shape(part, found, imported)) is not None]
+        meshes = imported | parts if link.name in divided else imported
+        shapes = [shape for part in solid_parts[link.name] for shape in _collision_shapes(part, found, meshes)]
         visuals = [visual for part in link.visuals if (visual := _visual_part(part, found)) is not None]
         if shapes or visuals:
             geometries[link.name] = geometry_of_parts(visuals, shapes, reason=path.name, cache=cache, siblings=drawn)
-    return geometries, [*_missing_notes(robot, found), *_rejection_notes(robot, found, rejected)]
+    text = "it has no collision shapes, as a part of a gripper needs them: the hulls of its visual meshes are used"
+    guesses = [ModelNote(subject=link.name, text=text) for link in bare]
+    return geometries, [*_missing_notes(robot, found), *_rejection_notes(robot, found, rejected), *guesses]
 
 
 def _mesh_file(name: str, urdf_path: Path, packages: RosPackagePath) -> Path | None:
@@ -154,17 +172,17 @@ def _rejection_notes(robot: UrdfRobot, found: Mapping[str, Path], rejected: Mapp
     return notes
 
 
-def _collision_shape(
+def _collision_shapes(
     part: UrdfGeometry, files: Mapping[str, Path], imported: Mapping[Path, ImportedMesh]
-) -> CollisionShape | None:
+) -> Iterator[CollisionShape]:
     if part.geometry_type is not UrdfGeometryType.MESH:
-        return _primitive_shape(part)
-    file = files.get(part.mesh or "")
-    mesh = None if file is None else imported.get(file)
-    if mesh is None:
-        return None
-    points = np.concatenate(mesh.convex_parts) * part.mesh_scale
-    return hull_shape(_placed(points, part.mesh_origin))
+        shapes: Iterable[CollisionShape | None] = (_primitive_shape(part),)
+    else:
+        file = files.get(part.mesh or "")
+        mesh = None if file is None else imported.get(file)
+        pieces = () if mesh is None else mesh.convex_parts
+        shapes = (hull_shape(_placed(points * part.mesh_scale, part.mesh_origin)) for points in pieces)
+    yield from (shape for shape in shapes if shape is not None)
 
 
 def _primitive_shape(part: UrdfGeometry) -> CollisionShape | None:

@@ -159,14 +159,18 @@ class LinkTree:
             self._joints_below[link] = [self.parent_joint[each] for each in self.subtree(link)[1:]]
         return link_poses(self._joints_below[link], positions, link)
 
+    def rigid_root(self, link: str) -> str:
+        """The uppermost link to which a link is fixed."""
+        while (joint := self.parent_joint.get(link)) is not None and not joint.is_movable:
+            link = joint.parent
+        return link
+
     def rigid_neighbors(self, links: Sequence[str]) -> list[str]:
         """The solid links that do not move relative to some links, without these."""
         found = dict[str, None]()
         for link in links:
-            top = link
-            while (joint := self.parent_joint.get(top)) is not None and not joint.is_movable:
-                top = joint.parent
-            found |= dict.fromkeys(each for each in self.rigid_links(top) if self._is_solid(each) and each not in links)
+            rigid = self.rigid_links(self.rigid_root(link))
+            found |= dict.fromkeys(each for each in rigid if self._is_solid(each) and each not in links)
         return list(found)
 
     def points_by_shape(self, links: Iterable[str], poses: Mapping[str, Array]) -> list[Array]:
@@ -174,10 +178,10 @@ class LinkTree:
         found: list[Array] = []
         for name in links:
             pose = poses[name]
-            found += (quat_rotate(pose[3:], points) + pose[:3] for points in self._local_points(name))
+            found += (quat_rotate(pose[3:], points) + pose[:3] for points in self.shape_points(name))
         return found
 
-    def _local_points(self, link: str) -> list[Array]:
+    def shape_points(self, link: str) -> list[Array]:
         """Points on each collision shape of a link, in its frame."""
         if link not in self._shape_points:
             geometry = self.links[link].geometry

@@ -1,8 +1,8 @@
 """Robots described as MJCF: bodies become links, and joints of one axis joints.
 
 A body of MJCF may have several joints, at any point of it; a link has one, at its origin. Links without geometry are
-added between, so that the frames of all bodies stay as they are. Joints of the root body move the base: they are left
-out, since the base of a robot is moved by its planar joint.
+added between, so that the frames of all bodies stay as they are. Above a root that moves is a link without geometry;
+a free joint is left out, since the base of a robot is moved by its planar joint.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mindstage.engines.mujoco.mjcf_reading import (
 from mindstage.errors import RobotModelError
 from mindstage.robots.models.forward_kinematics import joint_motion
 from mindstage.robots.models.link_geometry import PrimitivePart, hull_shape, primitive_mesh
-from mindstage.robots.models.robot_model import BaseType, ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
+from mindstage.robots.models.robot_model import ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
 from mindstage.scene import (
     BodyGeometry,
     CollisionShape,
@@ -54,8 +54,11 @@ _SHAPES = {
     MjcfGeomType.ELLIPSOID: CollisionShapeType.SPHERE,
     MjcfGeomType.CYLINDER: CollisionShapeType.CYLINDER,
 }
-_HORIZONTAL = 0.1
-"""Largest vertical component of the axis of a joint that moves a base sideways."""
+_ONE_AXIS = (MjcfJointType.SLIDE, MjcfJointType.HINGE)
+_WORLD = "world"
+"""The link above a root that moves; MuJoCo gives no body this name."""
+_COUPLING_ERRORS = {True: 1e-3, False: 0.02}
+"""By how much a prismatic [m] or another joint [rad] may deviate from a linear coupling without a note."""
 
 
 class MjcfRobot(msgspec.Struct, frozen=True, kw_only=True, eq=False):
@@ -64,7 +67,6 @@ class MjcfRobot(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     name: str
     links: tuple[RobotLink, ...]
     joints: tuple[RobotJoint, ...]
-    base: BaseType
     disabled_collisions: frozenset[tuple[str, str]]
     states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...]
     """As `RobotModel.group_states`, with an empty group."""
@@ -104,7 +106,14 @@ class _MjcfRobotReader:
                 self.notes.append(ModelNote(subject=name, text=text, is_guess=False))
         prefix = _common_prefix(trees[chosen])
         root, *others = [_without_prefix(body, prefix) for body in trees[chosen]]
-        self.links.append(self._link(root))
+        if any(joint.type in _ONE_AXIS for joint in root.joints):
+            self.links.append(RobotLink(name=_WORLD))
+            others.insert(0, dataclasses.replace(root, parent=_WORLD))
+        else:
+            for joint in root.joints:
+                text = "it moves the whole robot and is left out"
+                self.notes.append(ModelNote(subject=joint.name, text=text))
+            self.links.append(self._link(root))
         for body in others:
             self._add(body)
         names = {link.name for link in self.links}
@@ -113,7 +122,6 @@ class _MjcfRobotReader:
             name=self.model.name,
             links=tuple(self.links),
             joints=tuple(self.joints),
-            base=self._base(root),
             disabled_collisions=frozenset(pair for pair in pairs if names.issuperset(pair)),
             states=tuple(
                 ("", name, tuple((joint.removeprefix(prefix), position) for joint, position in positions))
@@ -130,18 +138,6 @@ class _MjcfRobotReader:
             root = root_of[body.name] = root_of[body.parent] if body.parent else body.name
             trees.setdefault(root, []).append(body)
         return {name: tree for name, tree in trees.items() if not tree[0].is_mocap}
-
-    def _base(self, root: MjcfBody) -> BaseType:
-        sliding = [
-            joint
-            for joint in root.joints
-            if joint.type is MjcfJointType.SLIDE and abs(float(joint.axis[2])) < _HORIZONTAL
-        ]
-        if root.joints:
-            names = ", ".join(joint.name for joint in root.joints)
-            text = f"{names} move the whole robot and are left out"
-            self.notes.append(ModelNote(subject=root.name, text=text))
-        return BaseType.PLANAR if len(sliding) >= 2 else BaseType.FIXED
 
     def _add(self, body: MjcfBody) -> None:
         """Adds the link of a body, and the joints to its parent."""
@@ -164,7 +160,7 @@ class _MjcfRobotReader:
         self.links.append(self._link(body))
 
     def _has_one_axis(self, joint: MjcfJoint) -> bool:
-        if joint.type in (MjcfJointType.SLIDE, MjcfJointType.HINGE):
+        if joint.type in _ONE_AXIS:
             return True
         text = f"a {joint.type.value} joint has several axes; its links are connected rigidly"
         self.notes.append(ModelNote(subject=joint.name, text=text, is_guess=False))
@@ -178,6 +174,7 @@ class _MjcfRobotReader:
             )
             return
         lower, upper = joint.range or (None, None)
+        leader, multiplier, offset = joint.mimic or ("", 1.0, 0.0)
         type = RobotJointType.PRISMATIC
         if joint.type is MjcfJointType.HINGE:
             type = RobotJointType.CONTINUOUS if joint.range is None else RobotJointType.REVOLUTE
@@ -194,10 +191,19 @@ class _MjcfRobotReader:
             damping=joint.damping,
             friction=joint.friction,
             armature=joint.armature,
-            mimic=None
-            if joint.mimic is None
-            else RobotMimic(joint=joint.mimic[0], multiplier=joint.mimic[1], offset=joint.mimic[2]),
+            mimic=RobotMimic(joint=leader, multiplier=multiplier, offset=offset) if leader else None,
         )
+        if joint.mimic is not None and not leader:
+            text = "it is fixed, since equality constraints hold it"
+            self.notes.append(ModelNote(subject=name, text=text))
+            origin = pose_from_array(pose_multiply(frame, joint_motion(made, offset - joint.reference)))
+            self.joints.append(
+                RobotJoint(name=name, type=RobotJointType.FIXED, parent=parent, child=child, origin=origin)
+            )
+            return
+        if joint.mimic_error > _COUPLING_ERRORS[made.is_prismatic]:
+            text = f"it moves with {leader} by a loop; that it is {multiplier:.3g} times as far is off by at most"
+            self.notes.append(ModelNote(subject=name, text=f"{text} {joint.mimic_error:.2g} {made.unit}"))
         # A body is at its given pose when the joint is at its reference, not at 0.
         origin = pose_from_array(pose_multiply(frame, joint_motion(made, -joint.reference)))
         self.joints.append(msgspec.structs.replace(made, origin=origin))

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from mindstage.engines.mujoco.mujoco_kinematics import touching_shares
 from mindstage.errors import RobotModelError, SourceParseError
 from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.io.xml import first_tag
@@ -18,6 +21,7 @@ from mindstage.maps.urdf.parse import read_urdf
 from mindstage.maps.urdf.urdf_model import UrdfInertial, UrdfJoint, UrdfJointType, UrdfRobot
 from mindstage.maps.urdf.xacro_process import XacroRequest, requested_arguments
 from mindstage.robots.models.catalog import ModelSource, find_model
+from mindstage.robots.models.forward_kinematics import rest_positions
 from mindstage.robots.models.link_geometry import read_link_geometries
 from mindstage.robots.models.link_tree import LinkTree, sorted_tree
 from mindstage.robots.models.mjcf import read_mjcf_robot
@@ -31,8 +35,14 @@ from mindstage.robots.models.robot_model import (
     RobotModel,
 )
 from mindstage.robots.models.srdf import Srdf, read_srdf
-from mindstage.robots.models.structure import base_type, find_structure, wheel_joints
-from mindstage.scene import Vector
+from mindstage.robots.models.structure import (
+    base_type,
+    find_structure,
+    is_named_as_finger,
+    wheel_joints,
+    without_base_joints,
+)
+from mindstage.scene import BodyGeometry, Vector
 from mindstage.scene.geometry import Inertia
 from mindstage.scene.transforms import normalized_pose_array, rotation_matrix
 
@@ -52,6 +62,14 @@ _MIN_GYRATION_M = 1e-3
 """Least radius of gyration of a link; some descriptions have moments of 0."""
 _MOMENT_TOLERANCE = 1e-3
 """By which fraction a principal moment may exceed the sum of the others."""
+_STATES, _SEED = 150, 1
+"""Number of random states, and what they begin from."""
+_ALWAYS = 0.9
+"""The part of the states from which on a pair always touches; about that of MoveIt's setup assistant."""
+_OFTEN = 0.1
+"""The part from which on a pair that is near in the tree is looked at: dividing a mesh takes seconds."""
+_NEAR_JOINTS = 2
+"""Number of joints between two links that are near in the tree."""
 _MAX_POSITION = 1e4
 """Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
@@ -63,6 +81,7 @@ def load_model(
     srdf: Path | None = None,
     folders: Iterable[Path] = (),
     xacro: XacroRequest = None,
+    divide: bool = False,
     cache: Path | None = None,
 ) -> RobotModel:
     """Reads a robot description.
@@ -76,6 +95,9 @@ def load_model(
         xacro: whether the description is expanded if it contains xacro; by default if its name ends in `.xacro`. A
             mapping gives the values of its arguments (`xacro:arg`), and asks for it too. Give False for a source that
             the user has not chosen.
+        divide: whether the collision meshes of links near each other whose hulls touch in many states are divided into
+            convex parts, without an SRDF that states which pairs do not collide. The first time this takes some seconds
+            for each. By default the shape of a mesh is its hull.
         cache: directory for imported meshes; by default in the user's cache.
 
     Raises:
@@ -95,6 +117,8 @@ def load_model(
     if used is not None and stated is None:
         note = ModelNote(subject="", text=f"{used.name} is its SRDF, by its name")
         description = replace(description, notes=(*description.notes, note))
+    if not divide:
+        description = replace(description, divided=None)
     return _assemble(description, Srdf() if used is None else read_srdf(used), path, name)
 
 
@@ -105,10 +129,11 @@ class _Description(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     links: Sequence[RobotLink]
     joints: Sequence[RobotJoint]
     notes: Sequence[ModelNote]
-    base: BaseType | None = None
     states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...] = ()
     disabled_collisions: frozenset[tuple[str, str]] = frozenset()
     urdf: str = ""
+    divided: Callable[[Collection[str]], Mapping[str, BodyGeometry]] | None = None
+    """The geometry of all links, in which the collision meshes of some are divided; None if they stay as they are."""
 
 
 def _is_mjcf(path: Path) -> bool:
@@ -130,7 +155,6 @@ def _from_mjcf(path: Path, source: ModelSource, folders: Sequence[Path]) -> _Des
         links=robot.links,
         joints=joints,
         notes=(*robot.notes, *notes),
-        base=robot.base,
         states=robot.states,
         disabled_collisions=robot.disabled_collisions,
     )
@@ -149,7 +173,10 @@ def _from_urdf(
         ModelNote(subject=issue.subject, text=f"{issue.problem}: {issue.action}", is_guess=not issue.is_missing)
         for issue in urdf.issues
     ]
-    geometries, geometry_notes = read_link_geometries(urdf, path, packages, cache=cache)
+    hands = {each.name for each in urdf.links if is_named_as_finger(each.name)}
+    hands |= {each.child for each in urdf.joints if is_named_as_finger(each.name)}
+    read = partial(read_link_geometries, urdf, path, packages, touching=hands, cache=cache)
+    geometries, geometry_notes = read()
     links = []
     for link in urdf.links:
         inertia, change = (None, "") if link.inertial is None else _inertia(link.inertial)
@@ -165,6 +192,7 @@ def _from_urdf(
         joints=joints,
         notes=(*notes, *geometry_notes, *joint_notes, *coupling_notes, *mimic_notes),
         urdf=urdf.source_xml,
+        divided=lambda links: read(divided=links)[0],
     )
 
 
@@ -172,9 +200,8 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
     """The model of a description: the tree in order, without the joints of wheels, and its parts."""
     links, joints, tree_notes = sorted_tree(description.links, description.joints)
     base_notes: list[ModelNote] = []
-    base = base_type(joints, srdf, base_notes)
-    if base is BaseType.FIXED and description.base is not None:
-        base = description.base
+    links, joints, is_moved = without_base_joints(links, joints, base_notes)
+    base = BaseType.PLANAR if is_moved else base_type(joints, srdf, base_notes)
     if base is not BaseType.FIXED and (wheels := wheel_joints(joints)):
         text = "it is fixed, as the wheels and casters of the base are: the base is moved as a whole"
         base_notes += (ModelNote(subject=joint.name, text=text) for joint in wheels)
@@ -182,9 +209,13 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
         joints = tuple(_fixed(joint) if joint.name in fixed else joint for joint in joints)
     states = (*srdf.states, *description.states)
     tree = LinkTree(links, joints)
+    stated = srdf.disabled_collisions | description.disabled_collisions
+    disabled = {pair for pair in stated | tree.neighbors() if tree.links.keys() >= set(pair)}
     structure = find_structure(tree, replace(srdf, states=states), base=base)
-    names = {link.name for link in links}
-    disabled = {pair for pair in srdf.disabled_collisions | description.disabled_collisions if names.issuperset(pair)}
+    contact_notes: list[ModelNote] = []
+    if structure.arms and not srdf.disabled_collisions:
+        links, always = _self_contacts(description, links, joints, disabled, contact_notes)
+        disabled |= always
     return RobotModel(
         name=name or description.name,
         links=links,
@@ -195,12 +226,73 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
         head=structure.head,
         sensors=structure.sensors,
         group_states=states,
-        disabled_collisions=frozenset(disabled | tree.neighbors()),
+        disabled_collisions=frozenset(disabled),
         home_positions=structure.home_positions,
         source=str(path),
         urdf=description.urdf,
-        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes),
+        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes, *contact_notes),
     )
+
+
+def _self_contacts(
+    description: _Description,
+    links: tuple[RobotLink, ...],
+    joints: tuple[RobotJoint, ...],
+    ignored: Collection[tuple[str, str]],
+    notes: list[ModelNote],
+) -> tuple[tuple[RobotLink, ...], frozenset[tuple[str, str]]]:
+    """The links, of which those are divided whose hulls others often touch, and the pairs that always touch.
+
+    Only files without SRDF need this: that states which pairs do not collide.
+    """
+    found = _find_self_contacts(LinkTree(links, joints), ignored=ignored)
+    if not found.often or description.divided is None:
+        return links, found.always
+    hollow = dict.fromkeys(link for pair in found.often for link in pair)
+    geometries = description.divided(hollow.keys())
+    divided = tuple(replace(each, geometry=geometries[each.name]) if each.name in hollow else each for each in links)
+    for (first, second), share in found.often.items():
+        text = (
+            f"their hulls touch in {share:.0%} of random states: their collision meshes are divided into convex parts"
+        )
+        notes.append(ModelNote(subject=f"{first}, {second}", text=text))
+    return divided, _find_self_contacts(LinkTree(divided, joints), ignored=ignored).always
+
+
+class _SelfContacts(NamedTuple):
+    """Pairs of links that touch in random states, the lower name first."""
+
+    always: frozenset[tuple[str, str]]
+    often: dict[tuple[str, str], float]
+    """Those near in the tree that move and touch in some states, with the part of these."""
+
+
+def _find_self_contacts(tree: LinkTree, *, ignored: Collection[tuple[str, str]]) -> _SelfContacts:
+    """Finds the pairs of links that touch in random states, as MoveIt's setup assistant does.
+
+    A pair that touches in nearly all of them says nothing about collisions, such as a bearing and what turns in it. One
+    that is near in the tree and touches in some of them often does so only since the hull of one fills a hollow in
+    which the other moves.
+
+    Args:
+        ignored: pairs that are not tested, such as neighbors.
+    """
+    random = np.random.default_rng(_SEED)
+    drives = [joint for joint in tree.joints.values() if joint.is_actuated]
+    low, high = np.clip(np.array([joint.limits for joint in drives]).reshape(-1, 2), -np.pi, np.pi).T
+    rows = random.uniform(low, high, (_STATES, len(drives)))
+    positions = (dict(zip((joint.name for joint in drives), row.tolist(), strict=True)) for row in rows)
+    states = (tree.poses(rest_positions(tree.joints.values(), each)) for each in positions)
+    shares = touching_shares({link: tree.shape_points(link) for link in tree.links}, states, ignored=ignored)
+    return _SelfContacts(
+        frozenset(pair for pair, share in shares.items() if share >= _ALWAYS),
+        {pair: share for pair, share in shares.items() if share >= _OFTEN and _are_near(tree, *pair)},
+    )
+
+
+def _are_near(tree: LinkTree, first: str, second: str) -> bool:
+    chain = tree.chain(first, second) or tree.chain(second, first)
+    return chain is not None and 0 < sum(joint.is_movable for joint in chain) <= _NEAR_JOINTS
 
 
 def _fixed(joint: RobotJoint) -> RobotJoint:

@@ -13,24 +13,34 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from mindstage.robots.models.forward_kinematics import rest_positions
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.grippers import analyze_gripper
 from mindstage.robots.models.link_tree import LinkTree
 from mindstage.robots.models.robot_model import (
     Arm,
     BaseType,
     Gripper,
+    GripperType,
     Head,
     ModelNote,
     RobotBase,
     RobotJoint,
     RobotJointType,
+    RobotLink,
     RobotSensor,
     SensorType,
 )
 from mindstage.robots.models.srdf import Srdf, SrdfGroup
+from mindstage.scene.transforms import Array, quat_rotate
 
-__all__ = ["RobotStructure", "base_type", "find_structure", "wheel_joints"]
+__all__ = [
+    "RobotStructure",
+    "base_type",
+    "find_structure",
+    "is_named_as_finger",
+    "wheel_joints",
+    "without_base_joints",
+]
 
 _REST_STATES = ("rest", "tuck", "fold", "travel", "transport", "stow", "home", "park", "ready")
 """Words in the names of positions in which an arm is out of the way, the best first."""
@@ -42,8 +52,15 @@ _WHEEL = re.compile(r"wheel|caster|roller|suspension", re.IGNORECASE)
 _CASTER = re.compile(r"caster", re.IGNORECASE)
 _ARM = re.compile(r"arm|manipulator", re.IGNORECASE)
 _LEG = re.compile(r"leg|hip|knee|ankle|foot|feet|thigh|calf|shank|toe|rotor|propeller", re.IGNORECASE)
-_FINGER = re.compile(r"finger|gripper|jaw|thumb|knuckle|claw|(^|_)(index|middle|ring|little|pinky)(_|$)", re.IGNORECASE)
+_FINGER = re.compile(
+    r"finger|fngr|gripper|jaw|thumb|knuckle|claw|pincer|phalan|proximal|distal|metacarp"
+    r"|(^|_)(index|middle|ring|little|pinky)(_|$)",
+    re.IGNORECASE,
+)
 _NO_FINGER = re.compile(r"roll|yaw|wrist|camera", re.IGNORECASE)
+_TOOL = re.compile(r"suction|vacuum|magnet|(^|_)hook(_|$)", re.IGNORECASE)
+_MAX_FINGER_M = 0.25
+"""Length of the fingers of a hand that nothing names."""
 _HEAD = re.compile(r"head|neck", re.IGNORECASE)
 _SIDES = (("left", re.compile(r"left|(^|_)l(_|$)|^L[A-Z]")), ("right", re.compile(r"right|(^|_)r(_|$)|^R[A-Z]")))
 _SENSORS = (
@@ -55,6 +72,8 @@ _SENSORS = (
 )
 _FLOOR_TOLERANCE_M = 0.03
 """A root whose geometry reaches less far below its origin stands on the floor with its origin."""
+_LEVEL = 0.1
+"""Largest vertical component of the axis of a slide that moves a base, and what that of a turn may lack to 1."""
 _LOW_M = 0.5
 """Height below which links count for the radius of a base that drives."""
 
@@ -81,6 +100,11 @@ def find_structure(tree: LinkTree, srdf: Srdf, *, base: BaseType) -> RobotStruct
     return _StructureFinder(tree, srdf, base).find()
 
 
+def is_named_as_finger(name: str) -> bool:
+    """Whether a link or a joint is a part of a gripper by its name."""
+    return _FINGER.search(name) is not None
+
+
 def wheel_joints(joints: Iterable[RobotJoint]) -> list[RobotJoint]:
     """The movable joints of wheels, casters and their suspensions, by their names."""
     return [joint for joint in joints if joint.is_movable and _WHEEL.search(joint.name)]
@@ -104,6 +128,49 @@ def base_type(joints: Iterable[RobotJoint], srdf: Srdf, notes: list[ModelNote]) 
     return BaseType.FIXED
 
 
+def without_base_joints(
+    links: Sequence[RobotLink], joints: Sequence[RobotJoint], notes: list[ModelNote]
+) -> tuple[tuple[RobotLink, ...], tuple[RobotJoint, ...], bool]:
+    """Leaves out joints that move a whole robot over the floor, since its base is moved by a planar joint.
+
+    Such joints, two slides and often a turn, are between the first links of a description, which have no geometry.
+
+    Args:
+        links: the root first.
+        joints: parents before children.
+        notes: what is left out is appended.
+
+    Returns:
+        The links and joints that are left, and whether there were any such joints.
+    """
+    geometries = {link.name: link.geometry for link in links}
+    poses = link_poses(joints, rest_positions(joints), links[0].name)
+    link, chain, slides = links[0].name, list[RobotJoint](), 0
+    while geometries[link] is None:
+        below = [joint for joint in joints if joint.parent == link]
+        if len(below) != 1:
+            break
+        (joint,) = below
+        vertical = abs(float(quat_rotate(poses[joint.child][3:], np.array(joint.axis))[2]))
+        slides += joint.is_prismatic and vertical < _LEVEL
+        if joint.is_movable and not joint.is_prismatic and vertical < 1.0 - _LEVEL:
+            break
+        chain.append(joint)
+        link = joint.child
+    while chain and not chain[-1].is_movable:
+        chain.pop()
+    if slides < 2:
+        return tuple(links), tuple(joints), False
+    names = ", ".join(joint.name for joint in chain if joint.is_movable)
+    notes.append(ModelNote(subject="base", text=f"it is moved as a whole over the floor, instead of by {names}"))
+    gone = {joint.parent for joint in chain}
+    return (
+        tuple(each for each in links if each.name not in gone),
+        tuple(each for each in joints if each.parent not in gone),
+        True,
+    )
+
+
 class _ArmPart(NamedTuple):
     """The joints of an arm from the base to the tip, without a lift below them."""
 
@@ -121,6 +188,7 @@ class _StructureFinder:
 
     def find(self) -> RobotStructure:
         grippers = self._stated_grippers() or self._guessed_grippers()
+        self._note_tools(grippers)
         arms = self._arms(self._stated_arms() or self._guessed_arms(grippers), grippers)
         return RobotStructure(
             base=self._base(),
@@ -221,6 +289,18 @@ class _StructureFinder:
     # -- guesses -------------------------------------------------------------------------------------------------------
 
     def _guessed_grippers(self) -> list[Gripper]:
+        """By their names, or by what they do if none of those has fingers that close on each other."""
+        count = len(self.notes)
+        named = self._named_grippers()
+        if any(each.type is GripperType.PARALLEL and each.link not in each.finger_links for each in named):
+            return named
+        self.notes, notes = self.notes[:count], self.notes
+        if unnamed := self._unnamed_grippers():
+            return unnamed
+        self.notes = notes
+        return named
+
+    def _named_grippers(self) -> list[Gripper]:
         """Groups of joints that are named as fingers, and have no other joint below them."""
         clusters: dict[str, list[RobotJoint]] = {}
         for joint in self.tree.joints.values():
@@ -229,7 +309,7 @@ class _StructureFinder:
                     each for each in self.tree.ancestors(joint.parent) if each.is_movable and self._is_finger(each)
                 ]
                 top = above[-1] if above else joint
-                clusters.setdefault(self._rigid_root(top.parent), []).append(joint)
+                clusters.setdefault(self.tree.rigid_root(top.parent), []).append(joint)
         found: list[Gripper] = []
         for root, joints in clusters.items():
             names = {joint.name for joint in joints}
@@ -239,11 +319,62 @@ class _StructureFinder:
             side = _side([root]) or _side(joint.name for joint in moving)
             name = f"{side}_gripper" if side and len(clusters) > 1 else "gripper"
             name = name if all(each.name != name for each in found) else f"{root}_gripper"
-            gripper = self._gripper(name, self._palm(root, moving), moving) if moving else None
+            gripper = self._gripper(name, self._palm(root, moving), moving)
             if gripper is not None:
                 self._guess(name, f"{', '.join(gripper.joints)} move its fingers, by their names")
                 found.append(gripper)
         return found
+
+    def _unnamed_grippers(self) -> list[Gripper]:
+        """Links with short branches of moving links that close on each other, whatever they are called."""
+        found: list[Gripper] = []
+        poses = self.tree.poses(rest_positions(self.tree.joints.values()))
+        taken: set[str] = set()
+        for link in self.tree.links:  # parents come first
+            joint = self.tree.parent_joint.get(link)
+            if link in taken or (joint is not None and not joint.is_movable):
+                continue
+            below = [
+                each
+                for rigid in self.tree.rigid_links(link)
+                for each in self.tree.child_joints.get(rigid, ())
+                if each.is_movable
+            ]
+            if len(below) < 2 or not all(self._is_short(each, poses) for each in below):
+                continue
+            inside = self.tree.subtree(link)[1:]
+            moving = [each for name in inside if (each := self.tree.parent_joint[name]).is_movable]
+            notes: list[ModelNote] = []
+            palm = self._palm(link, moving)
+            name = "gripper" if not found else f"{palm}_gripper"
+            gripper = analyze_gripper(self.tree, name, palm, moving, notes)
+            if gripper is not None and gripper.type is GripperType.PARALLEL:
+                taken.update(inside)
+                self.notes += notes
+                self._guess(name, f"{', '.join(gripper.joints)} move its fingers, since these close on each other")
+                found.append(gripper)
+        return found
+
+    def _is_short(self, joint: RobotJoint, poses: Mapping[str, Array]) -> bool:
+        """Whether a joint may carry a finger by its length, and by what is below it."""
+        links = self.tree.subtree(joint.child)
+        points = self.tree.points(links, poses)
+        names = [joint.name, *links]
+        if not len(points) or any(_LEG.search(each) or _WHEEL.search(each) or _HEAD.search(each) for each in names):
+            return False
+        return float(np.linalg.norm(points - poses[joint.child][:3], axis=1).max()) <= _MAX_FINGER_M
+
+    def _note_tools(self, grippers: Sequence[Gripper]) -> None:
+        """Says of suction cups, magnets and hooks, and of grippers that nothing moves, that they grasp nothing."""
+        named = [name for name in self.tree.links if is_named_as_finger(name)]
+        if named and not grippers and all(each.subject != "gripper" for each in self.notes):
+            text = "it is named as a part of a gripper, but no joint moves it, so the robot has none"
+            self.notes.append(ModelNote(subject=named[0], text=text, is_guess=False))
+        fingers = {link for each in grippers for link in self.tree.subtree(each.link)}
+        for name in self.tree.links:
+            if _TOOL.search(name) and name not in fingers:
+                text = "what it holds is not simulated: the robot grasps with fingers that close, and has none there"
+                self.notes.append(ModelNote(subject=name, text=text, is_guess=False))
 
     def _is_finger(self, joint: RobotJoint) -> bool:
         if not (_FINGER.search(joint.name) or _FINGER.search(joint.child)):
@@ -260,12 +391,6 @@ class _StructureFinder:
         moved = [each.child for each in cluster if each.name in names]
         geometries = (self.tree.links[link].geometry for top in moved for link in self.tree.subtree(top))
         return any(geometry is not None and geometry.collision_shapes for geometry in geometries)
-
-    def _rigid_root(self, link: str) -> str:
-        """The uppermost link to which a link is fixed."""
-        while (joint := self.tree.parent_joint.get(link)) is not None and not joint.is_movable:
-            link = joint.parent
-        return link
 
     def _guessed_arms(self, grippers: Sequence[Gripper]) -> list[_ArmPart]:
         """The chains to the grippers; without these, long chains at the end of the tree that are no legs."""

@@ -9,7 +9,7 @@ from mindstage.robots.arm_paths import ArmPath
 from mindstage.robots.skill_declaration import FractionOpen, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.manipulator import Manipulator, free_hand
-from mindstage.robots.skills.part_motion import BACK_M, PartContact, PartMotion, find_part_motion
+from mindstage.robots.skills.part_motion import BACK_M, PartContact, PartMotion, find_part_motion, find_stop
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_inverse, pose_multiply
@@ -22,10 +22,10 @@ _NEEDS = (SkillNeed.ARM, SkillNeed.GRIPPER)
 _PUSH_BACK_M = 0.1
 _PRESS_M = 0.004
 """How far the gripper is ahead of the part that it pushes."""
-_SLIP_M = {False: 0.04, True: 0.07}
-"""A handle that is farther from the gripper than when it was grasped has slipped; held by friction, and by a spring."""
-_LEAD_RATE, _MAX_LEAD_M = 16.0, 0.3
-"""How fast the target of the spring moves ahead by the distance of the handle from the gripper [1/s], and how far."""
+_SLIP_M = 0.04
+"""A handle that is farther from the gripper than when it was grasped has slipped."""
+_REST_S = 1.0
+"""Time in which a part stays where it was let go, if it is there [s]."""
 _TOLERANCES = {True: 0.05, False: 0.04}
 """Permitted error of the openness when a part is opened, and when it is closed."""
 _MOVED = 0.03
@@ -34,6 +34,12 @@ _WHOLE, _EXACT, _MISSING = 0.98, 0.02, 0.15
 """After a motion that was planned for so much of the path, a part is pulled on if it is off by more, and less."""
 _REST_POSES = 5
 """Number of poses of the rest of a motion."""
+_NEAR = 0.1
+"""What stops a part is named if it is not farther away, as a fraction of the range."""
+_SHIFT_M = 0.02
+"""What has moved by less in a part, or in its container, is still in it."""
+_MAX_NAMES = 3
+"""Number of things that a reason names at most."""
 _MAX_ROUNDS = 10
 """How often the handle is grasped anew to move the part farther."""
 _LEAST_PROGRESS = 0.08
@@ -74,15 +80,41 @@ def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float) -> Skil
     """Moves a door or drawer to a fraction of its range, in several rounds if the arm does not reach all the way.
 
     Raises:
-        SkillFailedError: it did not get there, with how far it is open.
+        SkillFailedError: it did not get there, with how far it is open; or what was inside is not any more.
     """
+    surroundings = task.surroundings()
+    contents = surroundings.contents_of(part)
+    before = {id: _seen_from(surroundings, part, id) for id in contents}
+    yield from _moving_rounds(task, part, fraction)
+    later = task.surroundings()
+    inside = later.contents_of(part)
+    lost = [each for each in contents if each not in inside and later.exists(each)]
+    lost = [
+        each for each in lost if np.min(np.abs(_seen_from(later, part, each) - before[each]).max(axis=1)) > _SHIFT_M
+    ]
+    if lost:
+        where = ", ".join(f"{each} is {later.support_of(each)}" for each in lost[:_MAX_NAMES])
+        reason = f"{part.id} is {part.openness:.0%} open, but what was inside did not stay there: {where}"
+        raise task.failure(reason, "put it back, or move the part with less speed")
+
+
+def _seen_from(surroundings: Surroundings, part: ArticulatedPart, id: BodyId) -> Array:
+    """Where a thing is in the frames of a part and of its container, 2 x 3 [m]."""
+    pose = surroundings.pose(id)
+    frames = (surroundings.pose(each) for each in (part.id, part.container))
+    return np.array([pose_multiply(pose_inverse(frame), pose)[:3] for frame in frames])
+
+
+def _moving_rounds(task: SkillTask, part: ArticulatedPart, fraction: float) -> SkillMotion:
+    """See `moving_part`."""
     task.opened[part.id] = None
     verb = "close" if fraction < part.openness else "open"
     tolerance = _TOLERANCES[verb == "open"]
     errors: list[SkillFailedError | UnreachableError | CommandRefusedError] = []
     tried: list[PartMotion] = []
-    is_fixed = False
-    for _ in range(_MAX_ROUNDS):
+    for round_number in range(_MAX_ROUNDS):
+        if abs(part.openness - fraction) <= tolerance and round_number:
+            yield _REST_S
         before = part.openness
         if abs(before - fraction) <= tolerance:
             return
@@ -98,31 +130,27 @@ def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float) -> Skil
             continue  # it is planned anew from where the arm was stopped
         except UnreachableError as error:
             errors.append(error)  # there is no room for it: it goes on with the arm as it is
-        if abs(part.openness - fraction) <= tolerance:  # it has moved on when the hand let it go
-            return
+        if abs(part.openness - fraction) <= tolerance:
+            continue  # it has moved on when the hand let it go
         try:
             motion = find_part_motion(hand, part, task.surroundings(), target, tried=tried)
         except UnreachableError as error:
             errors.append(error)
             break
         try:
-            yield from _moving_once(task, hand, part, motion, verb, fraction, is_fixed=is_fixed)
+            yield from _moving_once(task, hand, part, motion, verb, fraction)
         except (SkillFailedError, UnreachableError, CommandRefusedError) as error:
             errors.append(error)
         if abs(part.openness - before) < _LEAST_PROGRESS:
-            if (
-                motion.way is PartContact.HANDLE
-                and not is_fixed
-                and errors
-                and isinstance(errors[-1], SkillFailedError)
-            ):
-                is_fixed = True  # the fingers do not hold this handle
-            else:
-                tried.append(motion)
-                is_fixed = False
+            tried.append(motion)
     if abs(part.openness - fraction) > tolerance:
         reasons = dict.fromkeys(getattr(each, "reason", "") or str(each) for each in errors)
         last = errors[-1] if errors else None
+        stop = find_stop(task.robot, part, part.joint.position_at(fraction))
+        if stop is not None and abs(stop.position - part.joint.position) <= _NEAR * abs(
+            part.joint.position_at(1.0) - part.joint.closed_position
+        ):
+            reasons = {stop.reason: None} | reasons
         raise task.failure(
             f"{part.id} is {part.openness:.0%} open instead of {fraction:.0%}: "
             + ("; then ".join(reasons) or "it cannot be moved farther"),
@@ -137,8 +165,6 @@ def _moving_once(
     motion: PartMotion,
     verb: str,
     fraction: float,
-    *,
-    is_fixed: bool,
 ) -> SkillMotion:
     """Grasps a handle or an edge, or touches a side, moves it as far as possible from one placement, and releases it.
 
@@ -146,7 +172,6 @@ def _moving_once(
         motion: the placement and the path.
         verb: "open" or "close".
         fraction: where to, from 0 to 1.
-        is_fixed: whether the handle is fixed to the gripper by a spring, instead of being held by friction.
     """
     body, placement, planned = motion.body, motion.placement, part.openness
     yield from hand.driving_to(placement.base, why=f"to reach {body}")
@@ -163,22 +188,16 @@ def _moving_once(
         yield from _pushing(task, hand, part, motion)
         return
     try:
-        is_between = yield from hand.closing()
-        if is_fixed:
-            task.assume(f"{body} was fixed to the {hand.gripper.name} by a spring: the fingers do not hold it")
-        elif not is_between:
-            raise task.failure(f"the gripper closed without {body} between its fingers", "approach it again")
+        yield from hand.closing_on(body, *_parts(part))
         with task.step(verb, f"{verb} {part.id} to {fraction:.0%}"):
-            yield from _moving_grasped(task, hand, part, motion, is_fixed=is_fixed)
+            yield from _moving_grasped(task, hand, part, motion)
             missing = abs(part.openness - fraction)
             if motion.placement.reach >= _WHOLE and _EXACT < missing <= _MISSING:
                 rest = _rest_of_motion(task, part, motion)
-                yield from _moving_grasped(task, hand, part, rest, is_fixed=is_fixed)
+                yield from _moving_grasped(task, hand, part, rest)
     except (SkillFailedError, UnreachableError, CommandRefusedError):
         yield from _letting_go(hand, part, motion)
         raise
-    finally:
-        task.session.release(part.id)
     yield from _letting_go(hand, part, motion)
 
 
@@ -204,9 +223,7 @@ def _directions(points: Array) -> Array:
     return directions
 
 
-def _moving_grasped(
-    task: SkillTask, hand: Manipulator, part: ArticulatedPart, motion: PartMotion, *, is_fixed: bool
-) -> SkillMotion:
+def _moving_grasped(task: SkillTask, hand: Manipulator, part: ArticulatedPart, motion: PartMotion) -> SkillMotion:
     """Moves the grasped handle or edge along its path."""
     surroundings, body = task.surroundings(), motion.body
     in_hand = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)
@@ -218,13 +235,9 @@ def _moving_grasped(
     if path.reached < 2:
         raise task.failure(f"{body} cannot be moved: {path.reason}", "stand elsewhere")
 
-    spring = _Spring(task, part, body, surroundings, in_hand) if is_fixed else None
-
     def check() -> None:
-        if spring is not None:
-            spring.pull_to(hand.grasp_pose)
         slipped = pose_multiply(pose_inverse(surroundings.pose(body)), hand.grasp_pose)[:3] - in_hand[:3]
-        if np.linalg.norm(slipped) > _SLIP_M[is_fixed]:
+        if np.linalg.norm(slipped) > _SLIP_M:
             raise task.failure(f"{body} slipped out of the gripper", "grasp it again, or move it with less speed")
 
     result = yield from hand.following(path, speed=0.4, cartesian_speed=0.08, on_tick=check)
@@ -254,38 +267,6 @@ def _free_path(hand: Manipulator, part: ArticulatedPart, motion: PartMotion, pat
 def _parts(part: ArticulatedPart) -> set[BodyId]:
     """A part and its handle."""
     return {part.id, part.handle or part.id}
-
-
-class _Spring:
-    """Pulls a handle to where the gripper holds it, with the force of an arm.
-
-    The pull's spring alone gives way by several centimeters to the friction of a loaded drawer, so that its target
-    moves ahead of the gripper as long as the handle stays behind.
-    """
-
-    def __init__(
-        self, task: SkillTask, part: ArticulatedPart, handle: BodyId, surroundings: Surroundings, offset: Array
-    ) -> None:
-        self.task, self.id, self.handle, self.surroundings = task, part.id, handle, surroundings
-        self.to_handle = pose_inverse(offset)
-        point = pose_multiply(pose_inverse(surroundings.pose(self.id)), surroundings.pose(handle))[:3]
-        self.point = _vector(point)
-        self.lead, self.last_s = np.zeros(3), task.time_s
-
-    def pull_to(self, grasp_pose: Array) -> None:
-        """Pulls to the present pose of the grasp frame, seven numbers."""
-        wanted = pose_multiply(grasp_pose, self.to_handle)[:3]
-        behind = wanted - self.surroundings.pose(self.handle)[:3]
-        now_s = self.task.time_s
-        self.lead += _LEAD_RATE * (now_s - self.last_s) * behind
-        self.lead *= min(1.0, _MAX_LEAD_M / max(float(np.linalg.norm(self.lead)), 1e-9))
-        self.last_s = now_s
-        self.task.session.pull(self.id, point=self.point, target=_vector(wanted + self.lead))
-
-
-def _vector(values: Array) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _letting_go(hand: Manipulator, part: ArticulatedPart, motion: PartMotion) -> SkillMotion:

@@ -31,17 +31,18 @@ from mindstage.scene.transforms import (
 )
 
 __all__ = [
+    "FINGER_CLEARANCE_M",
     "Grasp",
     "GripperShape",
+    "approaches_of",
     "diagonal_grasps_of",
     "edge_grasps_of",
     "grasps_of",
     "pushes_of",
     "sweeps_of",
-    "weld_grasps_of",
 ]
 
-_CLEARANCE_M = 0.006
+FINGER_CLEARANCE_M = 0.006
 """Least distance of each open finger from what is grasped."""
 _ROOM_M = 0.025
 """Distance of each open finger from what it is to grasp, where the gripper opens that far."""
@@ -63,8 +64,8 @@ _PALM_GAP_M = 0.012
 _ANGLES = 12
 """Directions of approach around the axis along which the fingers close."""
 _MIN_THICKNESS_M = 0.002
-_WELD_GAP_M = 0.005
-"""Distance of the finger tips from what is fixed to them."""
+_APPROACH_GAP_M = 0.005
+"""Distance of the finger tips from a side in front of which they stop."""
 _ROD_RATIO = 2.5
 """A box that is longer than its other sides by this factor is a rod, such as the bar of a handle."""
 _DIAGONALS_RAD = (pi / 4, pi / 6, pi / 3)
@@ -186,8 +187,6 @@ class Grasp(NamedTuple):
     """The grasp frame in the frame of the body."""
     width_m: float
     """Extent of what is between the fingers."""
-    is_by_friction: bool
-    """Whether the fingers hold it; otherwise it has to be fixed to the gripper."""
     is_whole: bool
     """Whether the whole body is between the fingers, rather than a part of it."""
     is_central: bool
@@ -240,7 +239,7 @@ class _Box(NamedTuple):
 def grasps_of(
     body: Body, geometry: BodyGeometry | None, body_pose: Array, gripper: Gripper, shape: GripperShape
 ) -> Iterator[Grasp]:
-    """The grasps by friction of a body: of the whole body before those of its parts.
+    """The grasps of a body: of the whole body before those of its parts.
 
     Args:
         body_pose: its pose in the world frame, seven numbers.
@@ -282,7 +281,7 @@ def diagonal_grasps_of(
             inward = cos(angle + turn * pi / 2) * axes[first] + sin(angle + turn * pi / 2) * axes[second]
             across = np.cross(axes[long], inward)
             width = box.extent(across)
-            if width > shape.opening - 2 * _CLEARANCE_M:
+            if width > shape.opening - 2 * FINGER_CLEARANCE_M:
                 continue
             for beyond, shift in product(_DIAGONAL_TIPS_M, _DIAGONAL_SHIFT_FRACTIONS):
                 if not shape.touches(shape.tip_from(width) - beyond, width):
@@ -293,7 +292,6 @@ def diagonal_grasps_of(
                     yield Grasp(
                         pose,
                         width,
-                        is_by_friction=True,
                         is_whole=False,
                         is_central=shift == 0.0,
                         room_m=_DIAGONAL_ROOM_M,
@@ -324,11 +322,11 @@ def edge_grasps_of(
         for shift, sign in product(shifts, (1.0, -1.0)):
             origin = end + outwards * (shape.tip_from(width) - overlap) + lengthwise * shift * length
             pose = np.concatenate([origin, _rotation(-outwards, sign * np.eye(3)[axis])])
-            yield Grasp(pose, width, is_by_friction=True, is_whole=False, is_central=shift == 0.0, room_m=_EDGE_ROOM_M)
+            yield Grasp(pose, width, is_whole=False, is_central=shift == 0.0, room_m=_EDGE_ROOM_M)
 
 
-def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, shape: GripperShape) -> Iterator[Grasp]:
-    """Poses in which the finger tips are just in front of a side of a body, to which it is then fixed."""
+def approaches_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, shape: GripperShape) -> Iterator[Grasp]:
+    """Poses in which the finger tips are just in front of a side of a body."""
     low, high = compile_geometry(_shapes_of(body, geometry)).bounds
     middle, half = (low + high) / 2, (high - low) / 2
     for axis in (2, 0, 1):
@@ -337,11 +335,11 @@ def weld_grasps_of(body: Body, geometry: BodyGeometry | None, body_pose: Array, 
             inward[axis] = -sign
             if quat_rotate(body_pose[3:], inward)[2] > _MAX_UP:
                 continue
-            origin = middle - inward * (half[axis] + shape.tip_from(0.0) + _WELD_GAP_M)
+            origin = middle - inward * (half[axis] + shape.tip_from(0.0) + _APPROACH_GAP_M)
             for other in (each for each in range(3) if each != axis):
                 across = np.eye(3)[other]
                 pose = np.concatenate([origin, _rotation(inward, across)])
-                yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
+                yield Grasp(pose, 0.0, is_whole=True, is_central=True)
 
 
 def pushes_of(
@@ -374,7 +372,7 @@ def pushes_of(
             )
             for origin, x, y in options:
                 pose = np.concatenate([origin + normal * _PUSH_GAP_M, _rotation(x, y)])
-                yield Grasp(pose, 0.0, is_by_friction=False, is_whole=True, is_central=True)
+                yield Grasp(pose, 0.0, is_whole=True, is_central=True)
 
 
 def sweeps_of(
@@ -412,7 +410,7 @@ def sweeps_of(
         origins = on_side - inwards * apart[:, None] - pointing * shape.tip_from(0.0)
         path = np.concatenate([origins, np.tile(rotation, (len(poses), 1))], axis=1)
         pose = pose_multiply(pose_inverse(poses[0]), path[0])
-        yield Grasp(pose, 0.0, is_by_friction=True, is_whole=True, is_central=True), path
+        yield Grasp(pose, 0.0, is_whole=True, is_central=True), path
 
 
 def _sides(
@@ -461,7 +459,7 @@ def _box_grasps(
     axes = rotation_matrix(box.pose[3:]).T
     for closing in range(3):
         width = float(box.size[closing])
-        if not _MIN_THICKNESS_M <= width <= shape.opening - 2 * _CLEARANCE_M:
+        if not _MIN_THICKNESS_M <= width <= shape.opening - 2 * FINGER_CLEARANCE_M:
             continue
         others = [axis for axis in range(3) if axis != closing]
         for number in range(_ANGLES):
@@ -494,7 +492,6 @@ def _grasps_from(
             yield Grasp(
                 pose,
                 width,
-                is_by_friction=True,
                 is_whole=is_whole,
                 is_central=shift == 0.0,
                 overlap_m=depth + tip,

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from math import cos, pi, sin
+from math import cos, isfinite, pi, sin
 
 import numpy as np
 
 from mindstage.errors import NoFreePlacementError, SkillFailedError, UnreachableError
+from mindstage.robots.collisions import Collision, HandChecker
 from mindstage.robots.floor_poses import planar_pose
+from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
+from mindstage.robots.models.link_tree import LinkTree
+from mindstage.robots.models.robot_model import GripperType
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.skill_declaration import SkillMotion, SkillNeed, SupportName, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills.doors import ACCESS, moving_part
 from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest, find_grasp_motion
-from mindstage.robots.skills.grasps import Grasp, grasps_of, weld_grasps_of
+from mindstage.robots.skills.grasps import FINGER_CLEARANCE_M, Grasp, grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
 from mindstage.scene import BodyId, Pose
-from mindstage.scene.edits import Attach, Detach
+from mindstage.scene.edits import Detach
 from mindstage.scene.transforms import (
     Array,
     normalized_pose_array,
@@ -63,8 +67,8 @@ _PLACE_STEPS = 25_000
 """Number of steps of the search for each; see `GraspMotionRequest.steps`."""
 _CLOSE_M = 0.5
 """Places that are nearer than this to where the base can stand are equally good."""
-_CARRY_DISTANCES_M, _CARRY_HEIGHTS_M = (0.35, 0.42, 0.5), (0.9, 1.05, 0.75)
-"""Where in front of the base things are carried."""
+_CARRY_DISTANCES, _CARRY_HEIGHTS = (0.08, 0.16, 0.26), (0.02, 0.2, -0.15)
+"""Where things are carried, as parts of the length of the arm: in front of the base, and above the shoulder."""
 _FOLDS = 13
 """Angles of a vertical hinge that are tried to take the hand near to the base."""
 _ROOM_M = 0.03
@@ -179,23 +183,17 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
     for part in surroundings.closed_in_front_of(id):
         yield from moving_part(task, part, ACCESS[part.joint.is_prismatic])
     yield from hand.parking()
-    slipped = False
     for attempt in range(_ATTEMPTS):
         try:
-            placement = yield from _grasping(task, hand, id, upright=upright, fix=slipped)
-        except SkillFailedError as error:
+            placement = yield from _grasping(task, hand, id, upright=upright)
+        except SkillFailedError:
             if attempt == _ATTEMPTS - 1:
                 raise
-            slipped = isinstance(error, _SlippedError)
             yield from _letting_go(task, hand)
             yield from hand.parking()
             continue
         yield from carrying(task, hand, placement.back_m)
         return
-
-
-class _SlippedError(SkillFailedError):
-    """A thing is not held that was grasped by friction."""
 
 
 def _grasping(
@@ -205,36 +203,29 @@ def _grasping(
     *,
     upright: bool | None,
     stays: bool = False,
-    fix: bool = False,
 ) -> Generator[float, None, GraspMotion]:
-    """Grasps a thing and lifts it; by friction if that is possible, otherwise it is fixed to the gripper.
+    """Grasps a thing between the fingers, and lifts it.
 
     Args:
         id: the thing.
         upright: see `pick_up`.
         stays: whether the base stays where it is.
-        fix: whether it is fixed in any case.
 
     Raises:
-        _SlippedError: it slipped out of the fingers while it was lifted.
+        SkillFailedError: the fingers closed on nothing, or it slipped out of them while it was lifted.
     """
     with task.step("grasp", f"grasp {id}"):
         task.moved[id] = None
         placement = yield from _hand_before(task, hand, id, upright=upright, stays=stays)
         surroundings = task.surroundings()
         yield from hand.moving_straight(placement.grasp.in_world(surroundings.pose(id)), why=f"to {id}", may_touch=True)
-        held_by_friction = False
-        if placement.grasp.is_by_friction:
-            held_by_friction = yield from hand.closing()
-        if fix or not held_by_friction:
-            _fix(task, hand, id, "the fingers do not hold it by friction")
+        yield from hand.closing_on(id)
         relative = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))
         up = hand.grasp_pose + np.array([0.0, 0.0, _LIFT_M, 0.0, 0.0, 0.0, 0.0])
         yield from hand.moving_straight(up, why=f"up with {id}", speed=0.2, may_touch=True)
         drift = pose_multiply(pose_inverse(hand.grasp_pose), surroundings.pose(id))[:3] - relative[:3]
         if np.linalg.norm(drift) > _DRIFT_M:
-            reason = f"{id} slipped out of the gripper while it was lifted"
-            raise _SlippedError(hand.robot.name, reason=reason, suggestion="grasp it again")
+            raise task.failure(f"{id} slipped out of the gripper while it was lifted", "grasp it again")
     return placement
 
 
@@ -260,7 +251,7 @@ def _standing_before(
 def _hand_before(
     task: SkillTask, hand: Manipulator, id: BodyId, *, upright: bool | None, stays: bool
 ) -> Generator[float, None, GraspMotion]:
-    """Takes the open hand in front of a thing, for a grasp by friction, otherwise to fix the thing to the gripper.
+    """Takes the open hand in front of a thing.
 
     What is in front of the thing is opened farther if there is no placement, or no way of the base or the arm.
     """
@@ -268,13 +259,13 @@ def _hand_before(
     while True:
         thing, floor = task.surroundings().thing(id), FloorMap(hand.robot) if hand.is_mobile and not stays else None
         try:
-            found = _by_friction(hand, thing, floor, upright=upright, stays=stays)
+            found = _find_grasp(hand, thing, floor, upright=upright, stays=stays)
             return (yield from _standing_before(hand, *found))
         except UnreachableError as error:
             cause = error
         part = next((each for each in parts if each.openness <= _WIDE_OPEN), None)
         if part is None:
-            break
+            raise cause
         before = part.openness
         try:
             yield from moving_part(task, part, 1.0)
@@ -286,11 +277,10 @@ def _hand_before(
                 raise UnreachableError(
                     cause.robot, target=cause.target, reason=reason, obstacle=cause.obstacle
                 ) from None
-    return (yield from _standing_before(hand, *_by_weld(hand, thing, floor, cause, stays=stays)))
 
 
 def find_grasp(hand: Manipulator, thing: Thing, floor: FloorMap | None = None, *, stays: bool = False) -> GraspMotion:
-    """How a hand gets in front of a thing.
+    """How a hand gets in front of a thing to grasp it.
 
     Args:
         floor: the free floor, if the base may drive.
@@ -299,19 +289,16 @@ def find_grasp(hand: Manipulator, thing: Thing, floor: FloorMap | None = None, *
     Raises:
         UnreachableError: it does not.
     """
-    try:
-        return _by_friction(hand, thing, floor, upright=None, stays=stays)[0]
-    except UnreachableError as error:
-        return _by_weld(hand, thing, floor, error, stays=stays)[0]
+    return _find_grasp(hand, thing, floor, upright=None, stays=stays)[0]
 
 
 _Found = tuple[GraspMotion, GraspMotionRequest]
 
 
-def _by_friction(
+def _find_grasp(
     hand: Manipulator, thing: Thing, floor: FloorMap | None, *, upright: bool | None, stays: bool
 ) -> _Found:
-    """A motion for a grasp by friction, the one that comes from the preferred direction if possible.
+    """A motion for a grasp, the one that comes from the preferred direction if possible.
 
     Raises:
         UnreachableError: there is none.
@@ -338,10 +325,12 @@ def _by_friction(
         )
 
     grasps = sorted(grasps_of(thing.body, thing.geometry, pose, hand.gripper, hand.shape), key=cost)
+    if not grasps:
+        raise UnreachableError(hand.robot.name, target=thing.id, reason=_why_no_grasp(hand, thing))
     if upright:
         level = [each for each in grasps if abs(quat_rotate(each.in_world(pose)[3:], (1.0, 0.0, 0.0))[2]) < _TILTED]
         grasps = level or grasps
-    grasps = _in_many_directions(grasps, pose)
+    grasps = _in_many_directions(_free_grasps(hand, thing, grasps), pose)
     up = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0])
     lifted = np.array([pose + height * up for height in np.linspace(0.0, _LIFT_M, 3)])
     request = GraspMotionRequest(thing.id, grasps, lifted, _BACK_M, container=thing.container, least=0.9, stays=stays)
@@ -356,6 +345,40 @@ def _by_friction(
             return find_grasp_motion(hand, request, floor), request
         except UnreachableError:
             raise error from None
+
+
+def _free_grasps(hand: Manipulator, thing: Thing, grasps: Sequence[Grasp]) -> list[Grasp]:
+    """The grasps at which the gripper alone is free, wherever the robot stands, perhaps with less room.
+
+    Raises:
+        UnreachableError: there is none.
+    """
+    checker = HandChecker(hand.robot, hand.gripper, touch={thing.id})
+    largest_m = hand.gripper.max_opening_m
+    found, hits = list[Grasp](), list[Collision]()
+    for each in grasps:
+        openings = dict.fromkeys((each.opening_m(largest_m), each.tight().opening_m(largest_m)))
+        for opening_m in openings:
+            hit = hand.hit_before(checker, each.in_world(thing.pose), _BACK_M, opening_m)
+            if hit is None:
+                found.append(each)
+                break
+            hits.append(hit)
+    if not found:
+        nearest = max(hits, key=lambda each: each.distance_m - each.least_m)
+        reason = f"the gripper has no room at each of {len(grasps)} grasps of it: at best {nearest}"
+        raise UnreachableError(hand.robot.name, target=thing.id, reason=reason, obstacle=nearest.obstacle)
+    return found
+
+
+def _why_no_grasp(hand: Manipulator, thing: Thing) -> str:
+    """Why a thing does not fit between the fingers."""
+    gripper = hand.gripper
+    if gripper.type is not GripperType.PARALLEL:
+        return f"the {gripper.name} has no fingers that close on each other"
+    narrowest_m, opening_m = min(thing.body.size or (0.0,)), gripper.max_opening_m
+    text = f"no part of it fits the {gripper.name}: it is {narrowest_m:.3f} m across, the opening is {opening_m:.3f} m"
+    return f"{text}, with {FINGER_CLEARANCE_M * 1000:.0f} mm of room for each finger"
 
 
 def _from_floor(hand: Manipulator, pose: Array, floor: FloorMap | None) -> Array:
@@ -378,24 +401,6 @@ def _in_many_directions(grasps: Sequence[Grasp], pose: Array) -> list[Grasp]:
     found = [group[turn] for turn in range(2) for group in groups.values() if turn < len(group)]
     order = {id(each): number for number, each in enumerate(grasps)}
     return sorted(found[:_MAX_GRASPS], key=lambda each: order[id(each)])
-
-
-def _by_weld(
-    hand: Manipulator, thing: Thing, floor: FloorMap | None, error: UnreachableError, *, stays: bool
-) -> _Found:
-    """A motion that takes the finger tips to a side of a thing, which is then fixed to them; else the error."""
-    grasps = list(weld_grasps_of(thing.body, thing.geometry, thing.pose, hand.shape))
-    request = GraspMotionRequest(thing.id, grasps, thing.pose[None], _BACK_M, stays=stays)
-    try:
-        return find_grasp_motion(hand, request, floor), request
-    except UnreachableError:
-        raise error from None
-
-
-def _fix(task: SkillTask, hand: Manipulator, id: BodyId, why: str) -> None:
-    """Fixes a thing to the gripper."""
-    task.session.apply(Attach(hand.robot.link_ids[hand.gripper.link], id))
-    task.assume(f"{id} was fixed to the {hand.gripper.name}: {why}")
 
 
 def carrying(task: SkillTask, hand: Manipulator, back_m: float) -> SkillMotion:
@@ -421,8 +426,9 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
     x = quat_rotate(here[3:], (1.0, 0.0, 0.0))
     heading = float(np.arctan2(x[1], x[0])) if np.hypot(x[0], x[1]) > 0.3 else 0.0
     yaw = hand.robot.base_pose()[2]
-    for height in _CARRY_HEIGHTS_M:
-        for distance in _CARRY_DISTANCES_M:
+    shoulder, length = _shoulder(hand)
+    for height in (shoulder + part * length for part in _CARRY_HEIGHTS):
+        for distance in (hand.robot.model.base.radius_m + part * length for part in _CARRY_DISTANCES):
             for turn in (0.0, 0.5, -0.5, 1.0, -1.0, pi / 2, -pi / 2):
                 spin = planar_pose((0.0, 0.0, yaw + turn - heading))[3:]
                 point = pose_multiply(base, np.array([distance, 0.0, height, 1.0, 0.0, 0.0, 0.0]))[:3]
@@ -438,6 +444,19 @@ def _carry_poses(hand: Manipulator) -> Iterator[dict[str, float]]:
                 if found:
                     yield dict(found.positions)
                     break
+
+
+def _shoulder(hand: Manipulator) -> tuple[float, float]:
+    """The height of an arm's first joint that turns, with its slides in the middle, and its length from there [m]."""
+    model, arm = hand.robot.model, hand.arm
+    joints = [model.joint(name) for name in arm.joints]
+    middle = {each.name: sum(each.limits) / 2 for each in joints if each.is_prismatic and isfinite(sum(each.limits))}
+    frames = link_poses(model.joints, rest_positions(model.joints, middle), model.root)
+    first = next((each for each in joints if not each.is_prismatic), joints[0])
+    chain = LinkTree(model.links, model.joints).chain(first.child, arm.tip_link) or ()
+    points = np.array([frames[first.child][:3], *(frames[each.child][:3] for each in chain)])
+    length = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    return float(points[0, 2]) + model.base.height_m, length
 
 
 def _folded_poses(hand: Manipulator) -> list[dict[str, float]]:
@@ -612,7 +631,7 @@ def _options(hand: Manipulator, pose: Array, in_hand: Array, floor: FloorMap | N
     if floor is not None:
         towards = _from_floor(hand, pose, floor)
         found.sort(key=lambda at: -round(float(quat_rotate(at[3:], (1.0, 0.0, 0.0))[:2] @ towards), 2))
-    return [Grasp(at, 0.0, is_by_friction=True, is_whole=True, is_central=True) for at in found[:_TURNS]]
+    return [Grasp(at, 0.0, is_whole=True, is_central=True) for at in found[:_TURNS]]
 
 
 def _nearest_to_floor(poses: Sequence[Array], floor: FloorMap | None) -> list[Array]:
@@ -698,7 +717,7 @@ def _pour_placement(
 ) -> tuple[GraspMotion, Array]:
     error: UnreachableError | None = None
     for poses in options:
-        grasp = Grasp(in_hand, 0.0, is_by_friction=True, is_whole=True, is_central=True)
+        grasp = Grasp(in_hand, 0.0, is_whole=True, is_central=True)
         try:
             return find_grasp_motion(hand, GraspMotionRequest(id, [grasp], poses, _BACK_M, least=0.95)), poses
         except UnreachableError as found:

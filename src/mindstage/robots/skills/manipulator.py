@@ -16,7 +16,7 @@ import numpy as np
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
 from mindstage.robots.arm_paths import POSE_JOINTS, ArmPath, follow_poses, interpolated_poses, timed
-from mindstage.robots.collisions import CLEARANCE_M, CollisionChecker
+from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, HandChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.floor_poses import BaseFrame, BasePose, wrapped
 from mindstage.robots.models.robot_model import Arm, BaseType, Gripper
@@ -78,7 +78,7 @@ the bar that was between its fingers, else also the direction in which they clos
 _FOLLOWING_SPEED = 0.15
 """Fraction of its velocity limits with which a base moves along with an arm."""
 _EMPTY_M = 0.003
-"""A closed gripper with a smaller opening has nothing between its fingers."""
+"""A closed gripper with a smaller opening has nothing between its fingers, where contacts are not known."""
 _GUARD_S = 0.012
 """Simulated time between two looks at the contacts [s]."""
 _GRIP_FORCES = (1.0, 0.7, 0.5)
@@ -283,6 +283,23 @@ class Manipulator:
         if offset[0] > _ON_LINE_M or np.hypot(*offset[1:3]) > _ON_LINE_M or turn > _ON_LINE_RAD:
             return inf
         return max(-float(offset[0]), 0.0)
+
+    def hit_before(self, checker: HandChecker, at: Array, back_m: float, opening_m: float) -> Collision | None:
+        """What the gripper alone touches at a grasp, or on the straight line to it; None if it is free.
+
+        Args:
+            checker: of this gripper.
+            at: the pose of the grasp frame at the grasp, in the world frame.
+            back_m: length of the line [m]; less if the hand is on it already.
+            opening_m: how far the gripper is open [m].
+        """
+        length_m = min(back_m, self.distance_before(at))
+        fingers = self.fingers_at(opening_m)
+        for part in (0.0, 0.5, 1.0):
+            place = pose_multiply(at, np.array([-part * length_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+            if (hit := checker.find(place, fingers, strictly=True)) is not None:
+                return hit
+        return None
 
     @property
     def held(self) -> BodyId | None:
@@ -535,12 +552,25 @@ class Manipulator:
             if self.robot.opening(self.gripper.name) < wanted - _OPENING_TOLERANCE_M:
                 self._require(result, "give the fingers room")
 
-    def closing(self) -> Generator[float, None, bool]:
-        """Closes the gripper with the largest force that presses the fingers nowhere too deep.
+    def closing_on(self, *things: BodyId) -> SkillMotion:
+        """Closes the gripper on a thing.
 
-        Returns:
-            Whether something is between the fingers.
+        Args:
+            things: the thing, and bodies that belong to it.
+
+        Raises:
+            SkillFailedError: the fingers do not touch any of them from both sides.
         """
+        yield from self.closing()
+        if self.task.session.engine.run(_reads_contacts, label="capabilities"):
+            is_between = self.held in things
+        else:
+            is_between = self.robot.opening(self.gripper.name) > _EMPTY_M
+        if not is_between:
+            raise self.task.failure(f"the gripper closed without {things[0]} between its fingers", "approach it again")
+
+    def closing(self) -> SkillMotion:
+        """Closes the gripper with the largest force that presses the fingers nowhere too deep."""
         with self.task.step("close gripper", "close the gripper"):
             for part in _GRIP_FORCES:
                 force_n = part * self.gripper.max_force_n
@@ -548,10 +578,6 @@ class Manipulator:
                 result = yield from (motion if part == _GRIP_FORCES[-1] else guarded(self.task, motion))
                 if result.failure is not MotionFailure.BLOCKED:
                     break
-        if self.robot.opening(self.gripper.name) <= _EMPTY_M:
-            return False
-        # Fingers that turn, or whose shapes are coarse, do not close fully on nothing either.
-        return self.held is not None or not self.task.session.engine.run(_reads_contacts, label="capabilities")
 
     def parking(self, *, touch: Collection[BodyId] = ()) -> SkillMotion:
         """Folds the arm."""

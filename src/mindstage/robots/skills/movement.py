@@ -12,6 +12,8 @@ from mindstage.robots.models.robot_model import Head
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.skill_declaration import AngleRad, LengthM, SkillMotion, SkillNeed, ThingName, skill
 from mindstage.robots.skill_task import SkillTask
+from mindstage.robots.skills.grasp_motion import GraspMotionRequest, find_grasp_motion
+from mindstage.robots.skills.grasps import approaches_of
 from mindstage.robots.skills.handling import find_grasp
 from mindstage.robots.skills.manipulator import guarded, hands_of
 from mindstage.robots.surroundings import Surroundings
@@ -23,6 +25,8 @@ __all__ = ["drive_to", "go_to", "look_at", "park", "reach"]
 _DISTANCES_M = (0.65, 0.8, 1.0, 0.5, 1.3)
 """Distances of the base from the nearest side of a thing, the preferred first."""
 _BEARING_COUNT = 16
+_BACK_M = 0.12
+"""How far the hand stops in front of what it cannot grasp."""
 _HEAD_STEPS = 40
 _WAY_TESTS = 8000
 """Number of poses that the search for a way to each place tests."""
@@ -172,7 +176,7 @@ def reach(
     """Moves the gripper in front of a thing, or to a point; the base stays where it is.
 
     Args:
-        thing: the gripper stops in front of it, where it can be grasped from.
+        thing: the gripper stops in front of it, where it can be grasped from, if it can be grasped.
         x: of the point [m].
         y: of the point [m].
         z: of the point [m].
@@ -184,7 +188,16 @@ def reach(
         return
     surroundings = task.surroundings()
     id = surroundings.find(thing)
-    placement = find_grasp(hand, surroundings.thing(id), stays=True)
+    target = surroundings.thing(id)
+    try:
+        placement = find_grasp(hand, target, stays=True)
+    except UnreachableError as error:
+        approaches = list(approaches_of(target.body, target.geometry, target.pose, hand.shape))
+        request = GraspMotionRequest(id, approaches, target.pose[None], _BACK_M, stays=True)
+        try:
+            placement = find_grasp_motion(hand, request)
+        except UnreachableError:
+            raise error from None
     yield from hand.opening(placement.grasp.opening_m(hand.gripper.max_opening_m))
     yield from hand.moving_to(placement.start, why=f"in front of {id}")
 

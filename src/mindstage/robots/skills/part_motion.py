@@ -17,7 +17,7 @@ import numpy as np
 
 from mindstage.errors import UnreachableError
 from mindstage.ranges import Fraction, checked
-from mindstage.robots.collisions import Collision, HandChecker
+from mindstage.robots.collisions import Collision, HandChecker, find_part_collision
 from mindstage.robots.floor_poses import BasePose
 from mindstage.robots.navigation import FloorMap
 from mindstage.robots.robot import Robot
@@ -38,7 +38,17 @@ from mindstage.scene.transforms import (
     quat_rotate,
 )
 
-__all__ = ["BACK_M", "OpeningReach", "OpeningStep", "PartContact", "PartMotion", "can_open", "find_part_motion"]
+__all__ = [
+    "BACK_M",
+    "OpeningReach",
+    "OpeningStep",
+    "PartContact",
+    "PartMotion",
+    "PartStop",
+    "can_open",
+    "find_part_motion",
+    "find_stop",
+]
 
 _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
@@ -66,6 +76,8 @@ back if it is let go on the way."""
 _ALL = 0.95
 """Openness that counts as open."""
 _MAX_STEPS = 4
+_STOP_TESTS = 26
+"""Number of positions at which a part is tested against its neighbors."""
 _MAX_TRIES = 3
 """How often each way is tried without success, from different places."""
 _QUICK_STEPS, _LONG_STEPS = 40_000, 60_000
@@ -162,11 +174,13 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> OpeningReach
     reason, obstacle = "", None
     hand = hands_of(task)[0]
     floor: FloorMap | None = None
+    stop = find_stop(robot, part, target)
+    target = target if stop is None else stop.position
 
     def openness() -> float:
         return (position - joint.closed_position) / span
 
-    while openness() < _ALL * fraction and len(steps) < _MAX_STEPS:
+    while abs(target - position) > (1.0 - _ALL) * abs(span) and len(steps) < _MAX_STEPS:
         try:
             found = find_part_motion(hand, part, surroundings, target, start=position, floor=floor)
         except UnreachableError as error:
@@ -180,6 +194,8 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> OpeningReach
         steps.append(OpeningStep(way=found.way, base=found.placement.base, openness=round(openness(), 3)))
         reason = found.placement.why
     is_reachable = openness() >= _ALL * fraction
+    if stop is not None and not obstacle and abs(target - position) <= (1.0 - _ALL) * abs(span):
+        reason, obstacle = stop.reason, stop.obstacle
     return OpeningReach(
         part=part.id,
         is_reachable=is_reachable,
@@ -188,6 +204,28 @@ def can_open(robot: Robot, thing: str, fraction: Fraction = 1.0) -> OpeningReach
         reason="" if is_reachable else reason,
         obstacle=None if is_reachable else obstacle,
     )
+
+
+class PartStop(NamedTuple):
+    """What stops a door or drawer on its way."""
+
+    position: float
+    """Up to which its joint gets [m or rad]."""
+    obstacle: BodyId | None
+    reason: str
+
+
+def find_stop(robot: Robot, part: ArticulatedPart, target: float) -> PartStop | None:
+    """What is in the way of a door or drawer, such as one beside it, between where it is and a position [m or rad]."""
+    joint = part.joint
+    positions = np.linspace(joint.position, target, _STOP_TESTS).tolist()
+    bodies = [each for each in (part.id, part.handle) if each is not None]
+    found = find_part_collision(robot, bodies, joint.id, positions)
+    if found is None:
+        return None
+    number, hit = found
+    share = (positions[number] - joint.closed_position) / (joint.open_position - joint.closed_position)
+    return PartStop(positions[number - 1], hit.obstacle, f"when {part.id} is {share:.0%} open, {hit}")
 
 
 def _parts_at(part: ArticulatedPart, surroundings: Surroundings, position: float) -> dict[BodyId, Pose]:
@@ -414,7 +452,7 @@ class _PartMotionSearch:
             UnreachableError: there is none.
         """
         if not candidates:
-            return []
+            raise UnreachableError(self.hand.robot.name, target=body, reason=self._why_no_grasp(way))
         checker = HandChecker(self.hand.robot, self.hand.gripper, touch={self.part.id, self.handle})
         free: list[tuple[float, Grasp, Array]] = []
         worst: list[Collision] = []
@@ -436,18 +474,22 @@ class _PartMotionSearch:
             )
         return _varied(long_enough)
 
+    def _why_no_grasp(self, way: PartContact) -> str:
+        """Why there is nothing at which the part can be grasped or pushed."""
+        part = self.part
+        if way is PartContact.HANDLE and part.handle is None:
+            free = "is only ajar" if self.openness > 0.0 else "is closed"
+            return f"it has no handle, and no edge of it is free while it {free}"
+        gripper, size = self.hand.gripper, self.surroundings.body(part.handle or part.id).size or (0.0,)
+        what = "its handle" if way is PartContact.HANDLE else "its edge"
+        width_m, opening_m = min(size), gripper.max_opening_m
+        return f"{what}, {width_m:.3f} m across, does not fit the {gripper.name}, which opens {opening_m:.3f} m"
+
     def _hit_before(self, checker: HandChecker, way: PartContact, grasp: Grasp, at: Array) -> Collision | None:
         """What the gripper touches at a grasp, or on the straight line to it."""
         checker.set_joint(self.part.joint.id, float(self.positions[0]))
-        hand = self.hand
-        opening_m = 0.0 if way is PartContact.PUSH else grasp.opening_m(hand.gripper.max_opening_m)
-        fingers = hand.fingers_at(opening_m)
-        for back in (0.0, 0.5, 1.0):
-            length = back * min(BACK_M[way is not PartContact.EDGE], hand.distance_before(at))
-            place = pose_multiply(at, np.array([-length, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-            if (hit := checker.find(place, fingers, strictly=True)) is not None:
-                return hit
-        return None
+        opening_m = 0.0 if way is PartContact.PUSH else grasp.opening_m(self.hand.gripper.max_opening_m)
+        return self.hand.hit_before(checker, at, BACK_M[way is not PartContact.EDGE], opening_m)
 
     def _free_part(self, checker: HandChecker, way: PartContact, grasp: Grasp, path: Array) -> float:
         """The part of the path along which the gripper is free."""

@@ -98,7 +98,7 @@ class PlanPanel {
   }
 
   async #start() {
-    const params = { plan: this.#text.value.trim() || EXAMPLE, samples: Number(this.#samples.value), workers: Number(this.#workers.value) };
+    const params = { plan: this.#text.value, samples: Number(this.#samples.value), workers: Number(this.#workers.value) };
     try {
       await channel.call("plan.evaluate", params);
     } catch (error) {
@@ -108,7 +108,7 @@ class PlanPanel {
 
   async #do() {
     try {
-      await channel.call("plan.act", { plan: this.#text.value.trim() || EXAMPLE });
+      await channel.call("plan.act", { plan: this.#text.value });
     } catch (error) {
       this.#fail(error.message);
     }
@@ -129,6 +129,7 @@ class PlanPanel {
     else if (state.state === "acted") replaceChildren(this.#result, el("h2", { "data-outcome": state.outcome }, state.outcome), el("p", { class: "wrap" }, state.why), el("div", { class: "row" }, el("button", { type: "button", "data-action": "plan-undo", onclick: () => callOrToast("undo") }, "Undo")));
     else if (running) this.#showProgress(state);
     else if (state.state === "done") this.#showVerdict(state);
+    else if (state.state === "outdated") replaceChildren(this.#result, el("p", { class: "muted wrap" }, "The world has changed since the plan was tried."));
     else replaceChildren(this.#result);
   }
 
