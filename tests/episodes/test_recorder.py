@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,8 +21,8 @@ from rosbags.highlevel import AnyReader
 
 from mindstage.engines import make_engine
 from mindstage.engines.base import Engine
+from mindstage.episodes import mcap_file, tracking
 from mindstage.episodes import recorder as recorder_module
-from mindstage.episodes import tracking
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.recorder import Recorder, RecordingFolder
@@ -499,6 +500,42 @@ def test_what_cannot_be_attached_is_a_fault_and_the_states_are_recorded(
             _ = episode.map_at_end
 
 
+def test_episodes_of_one_folder_have_large_contents_in_common(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_file, "_MAX_COPIED_BYTES", 300)
+    for name in ("one", "two"):
+        with Recorder(simulation, tmp_path / f"{name}.mcap"):
+            simulation.step(0.2)
+        if name == "one":
+            contents = sorted((tmp_path / "contents").iterdir())
+    assert contents
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    with Recorder(simulation, alone / "whole.mcap", self_contained=True):
+        simulation.step(0.2)
+    assert [path.name for path in alone.iterdir()] == ["whole.mcap"]
+    assert set(contents) <= set((tmp_path / "contents").iterdir())
+    with Episode(tmp_path / "two.mcap") as episode, Episode(alone / "whole.mcap") as whole:
+        assert episode.losses == whole.losses == ()
+        assert episode.geometry.keys() == whole.geometry.keys()
+        assert episode.map_at_begin == whole.map_at_begin
+        assert episode.knowledge().to_bytes()
+    for path in (tmp_path / "contents").iterdir():
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(data)
+    with Episode(tmp_path / "two.mcap") as episode:
+        assert len(list(episode.frames())) > 5
+        assert all("contents" in loss.cause for loss in episode.losses)
+        with pytest.raises(EpisodeFileError, match="damaged"):
+            episode.knowledge()
+    shutil.rmtree(tmp_path / "contents")
+    lost = r"knowledge.*copy the folder 'contents'"
+    with Episode(tmp_path / "two.mcap") as episode, pytest.raises(EpisodeFileError, match=lost):
+        episode.knowledge()
+
+
 KILLED = """
 import sys, time
 from mindstage.episodes import Recorder
@@ -559,7 +596,7 @@ def test_a_folder_gets_one_recording_at_a_time(simulation: Simulation, tmp_path:
             recordings.start(name)
     unnamed = recordings.start()
     recordings.stop()
-    assert sorted((tmp_path / "runs").iterdir()) == sorted([first, unnamed])
+    assert sorted((tmp_path / "runs").glob("*.mcap")) == sorted([first, unnamed])
 
 
 def test_numbers_of_numpy_that_a_program_passes_are_recorded(tmp_path: Path) -> None:

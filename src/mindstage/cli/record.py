@@ -60,6 +60,13 @@ SimulatedSeconds = Annotated[
     ),
 ]
 WithViewer = Annotated[bool, typer.Option("--viewer/--no-viewer", help="Serve the page while it is recorded.")]
+SelfContained = Annotated[
+    bool,
+    typer.Option(
+        "--self-contained",
+        help="Write geometry and maps to the file, not to the folder `contents` that episodes have in common.",
+    ),
+]
 EpisodePath = Annotated[Path, typer.Argument(metavar="FILE", help="An episode (.mcap).", show_default=False)]
 
 
@@ -73,6 +80,7 @@ def record(
     strict: Strict = False,
     ground: Ground = True,
     with_viewer: WithViewer = False,
+    self_contained: SelfContained = False,
     port: Port = None,
     server: ServerOptions = LOCAL_SERVER,
     as_json: AsJson = False,
@@ -96,7 +104,7 @@ def record(
             spawned.print()
         with ExitStack() as ending:
             with progress_spinner("preparing"):  # compiles the world, and writes its knowledge
-                recorder = ending.enter_context(Recorder(simulation, out, rate_hz=rate))
+                recorder = ending.enter_context(Recorder(simulation, out, rate_hz=rate, self_contained=self_contained))
             if with_viewer:
                 show_page(
                     simulation, port=port, access=access, duration_s=seconds, announce=_announce_page, quiet=as_json

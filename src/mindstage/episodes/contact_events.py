@@ -31,8 +31,6 @@ Pair = tuple[BodyId, BodyId | None]
 
 _MIN_INSIDE_FRACTION = 0.8
 """As in `scene.spatial`."""
-_TOUCHING_GAP_M = 0.001
-"""Gap within which bodies that an engine simulates are in contact though it reports none [m]: they sleep, or jitter."""
 
 
 @dataclass(slots=True, eq=False)
@@ -207,7 +205,7 @@ class ContactTracker:
         self._awake = np.zeros(len(table.ids), dtype=bool)
         if has_contacts:
             before = sample.history[-1][1] if sample.history else sample.poses
-            changed = lengths(sample.poses - before) > _CHANGED_M
+            changed = lengths(sample.poses - before) > self._limits.changed_m
             changed[[table.row[id] for pair in self._reported for id in pair if id is not None]] = True
             self._awake = table.is_dynamic & (table.group_sums(changed) > 0)
 
@@ -263,14 +261,14 @@ class ContactTracker:
         for pair, gap in zip(pairs, self._gaps_of(pairs, sample), strict=True):
             touch = self._touches[pair]
             assert touch.missing_s is not None
-            if gap <= _TOUCHING_GAP_M:
+            if gap <= self._limits.touching_gap_m:
                 touch.away_s = None
                 continue
             if touch.away_s is None:
                 touch.away_s = sample.time_s
             # A body that touches something is awake; another one may only seem to move.
             is_awake = any(id in touching and table.is_dynamic[table.row[id]] for id in pair if id is not None)
-            if gap > (_TOUCHING_GAP_M if is_awake else limits.contact_gap_m[1]):
+            if gap > (self._limits.touching_gap_m if is_awake else limits.contact_gap_m[1]):
                 # Bodies that were awake parted when the contact ceased, others when they moved.
                 soon = touch.away_s - touch.missing_s <= limits.min_duration_s
                 self._end(pair, touch.missing_s if soon else touch.away_s)
@@ -431,7 +429,7 @@ class ContactTracker:
             touch = self._touches.get(pair)
             if touch is None:
                 simulated = has_contacts and bool(table.is_dynamic[i] or table.is_dynamic[j])
-                if gap > (_TOUCHING_GAP_M if simulated else enter):
+                if gap > (self._limits.touching_gap_m if simulated else enter):
                     continue
                 touch = self._begin(pair, sample, known_force=False, normal=np.array(normal))
                 if has_contacts:
@@ -594,7 +592,5 @@ _ORIGIN = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 _GRAVITY_M_S2 = 9.81
 _BOUNCE_S = 0.2
 """A contact that begins again within this time goes on [s]."""
-_CHANGED_M = 1e-6
-"""A body whose pose has changed by less has not moved since the sample before [m]; or a component of its quaternion."""
 _COMPARED_M = 0.001
 """Shapes are compared again when a body has moved by more [m]; as well the change of a component of its quaternion."""

@@ -23,10 +23,12 @@ from mindstage.episodes.event_log import EventLog
 from mindstage.episodes.handling_events import HandlingDetector
 from mindstage.episodes.motion_events import FallDetector, JointMotionDetector, SlideDetector, TipDetector
 from mindstage.episodes.recording import EpisodeEvent, EpisodeFrame, Recording
+from mindstage.episodes.smoothing import LINE_S, estimate_noise, smoothed_poses, thresholds_for
 from mindstage.episodes.tracking import AgentTracker, BodyTable, DetectionThresholds, MotionTracker
 from mindstage.errors import EpisodeError
+from mindstage.ranges import NotNegative
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap
-from mindstage.scene.transforms import normalize, pose_array
+from mindstage.scene.transforms import pose_array
 
 __all__ = ["DetectionFault", "EventDetector", "detect_events"]
 
@@ -48,8 +50,9 @@ class EventDetector:
 
     It goes on after a fault: events that had not ended end there, and what holds in the frame after it begins anew.
 
-    A frame is processed when the next one has arrived, since positions are smoothed over three frames, and most events
-    are certain a tenth of a second after they have begun; their times are those of the frames all the same.
+    A frame is processed when the next one has arrived, or 0.27 s later if positions have noise, since they are smoothed
+    (see `smoothing`). Most events are certain a tenth of a second after they have begun; their times are those of the
+    frames all the same.
     """
 
     def __init__(
@@ -58,6 +61,8 @@ class EventDetector:
         geometry: GeometryMap = NO_GEOMETRY,
         thresholds: DetectionThresholds | None = None,
         agents: Collection[BodyId] = (),
+        noise_m: NotNegative = 0.0,
+        step_s: NotNegative = 1 / 30,
     ) -> None:
         """Creates a detector that has seen no frame.
 
@@ -67,16 +72,24 @@ class EventDetector:
             thresholds: by default those that `DetectionThresholds` documents.
             agents: bodies that can hold others, besides those that are described as parts of robots, hands or grippers,
                 and those that move by themselves.
+            noise_m: standard deviation of positions along an axis, as of `estimate_noise` [m]; with it, frames are
+                processed 0.27 s later.
+            step_s: time between frames [s], which matters for noise only.
         """
-        self.thresholds = DetectionThresholds() if thresholds is None else thresholds
+        limits = DetectionThresholds() if thresholds is None else thresholds
+        self.thresholds = thresholds_for(limits, noise_m, step_s)
+        """The thresholds, raised to what noise does not exceed."""
+        self._noise_m = noise_m
         self.faults: list[DetectionFault] = []
         """When it failed, and why."""
         self._geometry = geometry
         self._named_agents = frozenset(agents)
         self._log = EventLog()
         self._begin()
-        self._pending: EpisodeFrame | None = None
-        """The last frame, which is processed when its successor is known."""
+        self._frames: list[EpisodeFrame] = []
+        """The last frames, which are processed when those after them are known by which they are smoothed."""
+        self._next = 0
+        """The index of the first of them that is not processed yet."""
         self._finished = False
 
     def _begin(self) -> None:
@@ -90,7 +103,6 @@ class EventDetector:
         self._tips = TipDetector(self.thresholds, self._log)
         self._slides = SlideDetector(self.thresholds, self._log, self._contacts)
         self._table: BodyTable | None = None
-        self._before: EpisodeFrame | None = None
         self._last_poses = np.zeros((0, 7))
         self._last_rows: Mapping[BodyId, int] = {}
 
@@ -110,13 +122,14 @@ class EventDetector:
         """
         if self._finished:
             raise EpisodeError("the detection is finished; create another EventDetector")
-        pending = self._pending
-        if pending is not None:
-            if not frame.time_s >= pending.time_s:
-                raise EpisodeError(f"a frame at {frame.time_s:g} s came after one at {pending.time_s:g} s")
-            if frame.time_s > pending.time_s:
-                self._try(pending, frame)
-        self._pending = frame
+        if self._frames:
+            last = self._frames[-1]
+            if not frame.time_s >= last.time_s:
+                raise EpisodeError(f"a frame at {frame.time_s:g} s came after one at {last.time_s:g} s")
+            if frame.time_s == last.time_s:
+                self._frames.pop()
+        self._frames.append(frame)
+        self._process_until(frame.time_s - LINE_S if self._noise_m else self._frames[-2:][0].time_s)
         return self._log.take_changed()
 
     def finish(self) -> tuple[EpisodeEvent, ...]:
@@ -126,17 +139,32 @@ class EventDetector:
         """
         if not self._finished:
             self._finished = True
-            if self._pending is not None:
-                self._try(self._pending, None)
+            self._process_until(np.inf)
             self._log.is_final = True
         return self._log.take_changed()
 
-    def _try(self, frame: EpisodeFrame, after: EpisodeFrame | None) -> None:
+    def _process_until(self, time_s: float) -> None:
+        """Processes the frames until a time [s], and forgets those that smoothing needs no more."""
+        while self._next < len(self._frames):
+            frame = self._frames[self._next]
+            if frame.time_s > time_s or (frame is self._frames[-1] and not self._finished):
+                break
+            self._try(self._next, is_last=self._finished and self._next == len(self._frames) - 1)
+            self._next += 1
+        while self._next > 1 and self._frames[0].time_s < self._frames[self._next - 1].time_s - LINE_S:
+            del self._frames[0]
+            self._next -= 1
+        if not self._noise_m:
+            count = max(self._next - 1, 0)
+            del self._frames[:count]
+            self._next -= count
+
+    def _try(self, index: int, *, is_last: bool) -> None:
         """Processes a frame; any error is a fault of this frame."""
+        frame = self._frames[index]
         try:
-            self._process(frame, after)
-            self._before = frame
-            if after is None:
+            self._process(frame, smoothed_poses(self._frames, index, noise_m=self._noise_m))
+            if is_last:
                 for each in (self._contacts, self._joints, self._handling, self._slides):
                     each.finish()
         except Exception as error:  # events are derived: whatever fails here must not end a recording
@@ -149,11 +177,10 @@ class EventDetector:
             self._log.end_all(frame.time_s, f"Its end is unknown: the detection of events failed ({cause}).")
             self._begin()
 
-    def _process(self, frame: EpisodeFrame, after: EpisodeFrame | None) -> None:
+    def _process(self, frame: EpisodeFrame, poses: PoseArray) -> None:
         table = self._table
         if table is None or table.ids != frame.ids or table.structure is not frame.structure:
             table = BodyTable.from_frame(frame, table)
-        poses = _smoothed(self._before, frame, after)
         unknown = np.asarray(~np.isfinite(poses).all(axis=1))
         if unknown.any():  # a diverged simulation, a lost marker: it is where it was
             self._fill(poses, unknown, table)
@@ -181,28 +208,28 @@ class EventDetector:
 
 
 def detect_events(
-    recording: Recording, *, thresholds: DetectionThresholds | None = None, agents: Collection[BodyId] = ()
+    recording: Recording,
+    *,
+    thresholds: DetectionThresholds | None = None,
+    agents: Collection[BodyId] = (),
+    noise_m: NotNegative | None = None,
 ) -> tuple[EpisodeEvent, ...]:
-    """Returns all events of a recording, in the order of their begin; faults are logged."""
-    detector = EventDetector(geometry=recording.geometry, thresholds=thresholds, agents=agents)
+    """Returns all events of a recording, in the order of their begin; faults are logged.
+
+    Args:
+        thresholds: see `EventDetector`.
+        agents: see there.
+        noise_m: see there; by default it is estimated.
+    """
+    estimate_m, step_s = estimate_noise(recording)
+    detector = EventDetector(
+        geometry=recording.geometry,
+        thresholds=thresholds,
+        agents=agents,
+        noise_m=estimate_m if noise_m is None else noise_m,
+        step_s=step_s,
+    )
     for frame in recording.frames():
         detector.update(frame)
     detector.finish()
     return detector.events
-
-
-def _smoothed(before: EpisodeFrame | None, frame: EpisodeFrame, after: EpisodeFrame | None) -> PoseArray:
-    """The poses of a frame with unit quaternions, each coordinate the median of three frames."""
-    poses = np.array(frame.poses, dtype=np.float64)
-    off = np.abs(np.einsum("ij,ij->i", poses[:, 3:], poses[:, 3:]) - 1.0) > _UNIT_TOLERANCE
-    if off.any():
-        poses[off, 3:] = normalize(poses[off, 3:])
-    if before is not None and after is not None and before.ids == frame.ids == after.ids:
-        one, other = before.poses[:, :3], after.poses[:, :3]
-        low, high = np.minimum(one, other), np.maximum(one, other)
-        poses[:, :3] = np.clip(poses[:, :3], low, high)
-    return poses
-
-
-_UNIT_TOLERANCE = 1e-9
-"""By how much the squared norm of a unit quaternion may differ from 1; dimensionless."""

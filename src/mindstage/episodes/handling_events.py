@@ -33,7 +33,6 @@ Mask = NDArray[np.bool_]
 Grasp = tuple[BodyId, BodyId | None]
 """A body and the mover that holds it; None for a force."""
 
-_FLIGHT_TOLERANCE_M = 0.006
 _ROUNDING_S = 1e-6
 
 
@@ -161,7 +160,7 @@ class HandlingDetector:
                 times, heights = heights_since(sample, row, max(since, time_s - _FLIGHT_SPAN_S))
                 acceleration = vertical_acceleration(times, heights, limits.window_s)
                 if acceleration is not None and acceleration < -limits.fall_min_acceleration_m_s2:
-                    begin = free_flight_begin(times, heights, limits.window_s, _FLIGHT_TOLERANCE_M)
+                    begin = free_flight_begin(times, heights, limits.window_s, limits.flight_tolerance_m)
                     self._release(id, time_s + begin)
             elif self._contacts.support_counts[row] and not sample.is_moving[row]:
                 self._release(id, sample.rest_s(row, limits.still_m))

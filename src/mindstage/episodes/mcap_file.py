@@ -18,6 +18,7 @@ from hashlib import blake2b
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
+from uuid import uuid4
 
 import msgspec
 
@@ -33,7 +34,16 @@ try:
 except ModuleNotFoundError as error:
     raise EpisodeError(f"{error.name} is not installed; install it with `pip install 'mindstage[episodes]'`") from error
 
-__all__ = ["FORMAT_VERSION", "EpisodeFile", "EpisodeFileWriter", "EpisodeLoss", "FileChunk", "StoredMessage", "repair"]
+__all__ = [
+    "CONTENTS_FOLDER",
+    "FORMAT_VERSION",
+    "EpisodeFile",
+    "EpisodeFileWriter",
+    "EpisodeLoss",
+    "FileChunk",
+    "StoredMessage",
+    "repair",
+]
 
 FORMAT_VERSION = 3
 """Version of episode files; those of another one are refused."""
@@ -46,6 +56,10 @@ _MARK_OFFSET = 9 + 8 + 8 + 8 + 4
 _FOOTER_BYTES = 9 + 20
 _LOSSES = "losses.json"
 _CONTENTS = "contents.json"
+CONTENTS_FOLDER = "contents"
+"""The folder beside episodes with what they have in common, by digest."""
+_ELSEWHERE = ".digest"
+"""The suffix of an attachment with the digest of one that is in that folder."""
 _MAX_COPIED_BYTES = 1 << 18
 _PARSE_ERRORS = (ValueError, EOFError, OverflowError, struct.error)
 """What the library raises for records that are not valid."""
@@ -102,13 +116,19 @@ class _DamageError(Exception):
 class EpisodeFileWriter:
     """Writes an episode file. What was written before `end_chunk` survives the end of the process."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, is_self_contained: bool = True) -> None:
         """Creates the file.
+
+        Args:
+            path: where it is written.
+            is_self_contained: whether large attachments are in the file; otherwise they are files of the folder
+                `contents` beside it, named by their digests, so that episodes have them in common.
 
         Raises:
             EpisodeFileError: it exists, or cannot be created.
         """
         self.path = path
+        self._folder = None if is_self_contained else path.parent / CONTENTS_FOLDER
         try:
             self._stream = path.open("xb")
         except FileExistsError as error:
@@ -148,9 +168,16 @@ class EpisodeFileWriter:
 
         Of several with the same name the last one counts. Those of up to a quarter of a megabyte are written again at
         the end of the file.
+
+        Raises:
+            OSError: the disk is full, for example.
         """
         content = zstandard.compress(data, 10) if name.endswith(".zst") else data
         self._digests[name] = _digest(content)
+        if self._folder is not None and len(content) > _MAX_COPIED_BYTES:
+            _store(self._folder, self._digests[name], content)
+            self.add_attachment(f"{name}{_ELSEWHERE}", "text/plain", self._digests.pop(name).encode(), time_ns=time_ns)
+            return
         self._attached[name] = (media_type, content if len(content) <= _MAX_COPIED_BYTES else b"")
         self._writer.add_attachment(time_ns, time_ns, name, media_type, content)
         self._stream.flush()
@@ -301,6 +328,8 @@ class EpisodeFile:
         Raises:
             EpisodeFileError: it is damaged.
         """
+        if f"{name}{_ELSEWHERE}" in self._attachments:
+            return self._stored(name, (self.attachment(f"{name}{_ELSEWHERE}") or b"").decode())
         cause = "it is lost"
         digest = None if self._contents is None else self._contents.attachments.get(name)
         for offset, end in reversed(self._attachments.get(name, ())):
@@ -314,9 +343,22 @@ class EpisodeFile:
             raise EpisodeFileError(str(self.path), cause=f"{name}: {cause}")
         return None
 
+    def _stored(self, name: str, digest: str) -> bytes:
+        """An attachment that is in the folder beside the file."""
+        path = self.path.parent / CONTENTS_FOLDER / digest
+        try:
+            content = path.read_bytes()
+            if _digest(content) != digest:
+                raise EpisodeFileError(str(self.path), cause=f"{name}: {path} is damaged")
+            return _decompressed(content) if name.endswith(".zst") else content
+        except OSError as error:
+            remedy = f"copy the folder {CONTENTS_FOLDER!r} along with the episode"
+            cause = f"{name} is in {path}: {error.strerror or error}"
+            raise EpisodeFileError(str(self.path), cause=cause, remedy=remedy) from error
+
     def attachment_names(self) -> tuple[str, ...]:
         """The names of the attachments, in the order of the file."""
-        return tuple(name for name in self._attachments if name != _CONTENTS)
+        return tuple(name.removesuffix(_ELSEWHERE) for name in self._attachments if name != _CONTENTS)
 
     def losses(self) -> tuple[EpisodeLoss, ...]:
         """What cannot be read. The whole file is checked."""
@@ -332,7 +374,16 @@ class EpisodeFile:
             except _DamageError as error:
                 self._cause = str(error)
                 self._scan()
-        return self.gaps
+        return (*self.gaps, *self._missing())
+
+    def _missing(self) -> Iterator[EpisodeLoss]:
+        """What should be in the folder beside the file, and is not."""
+        for name in self._attachments:
+            if name.endswith(_ELSEWHERE):
+                try:
+                    self.attachment(name.removesuffix(_ELSEWHERE))
+                except EpisodeFileError as error:
+                    yield EpisodeLoss(begin_s=None, end_s=None, cause=error.cause)
 
     @property
     def gaps(self) -> tuple[EpisodeLoss, ...]:
@@ -565,6 +616,17 @@ class EpisodeFile:
 
 def _lost(count: int) -> str:
     return "a chunk is lost" if count == 1 else f"{count} chunks are lost"
+
+
+def _store(folder: Path, digest: str, content: bytes) -> None:
+    """Writes a file of the folder, unless it is there."""
+    path = folder / digest
+    if path.exists() and _digest(path.read_bytes()) == digest:
+        return
+    folder.mkdir(exist_ok=True)
+    part = folder / f".{uuid4().hex}"
+    part.write_bytes(content)
+    part.replace(path)
 
 
 def _digest(content: bytes) -> str:

@@ -282,7 +282,7 @@ class FallDetector:
         acceleration = vertical_acceleration(times, heights, limits.window_s)
         if acceleration is None or acceleration > -limits.fall_min_acceleration_m_s2:
             return
-        start = free_flight_begin(times, heights, limits.window_s, _FLIGHT_TOLERANCE_M)
+        start = free_flight_begin(times, heights, limits.window_s, limits.flight_tolerance_m)
         top = float(heights[times >= start - _ROUNDING_S].max())
         if top - heights[-1] < limits.fall_min_height_m:
             return
@@ -299,8 +299,6 @@ class FallDetector:
         self._log.end(event, sample.time_s, amount=height, evidence=(text,))
 
 
-_FLIGHT_TOLERANCE_M = 0.006
-"""Deviation from a parabola within which a body is in free flight [m]: what a fall from rest covers within a frame."""
 _ROUNDING_S = 1e-6
 
 
@@ -401,6 +399,10 @@ class _Place:
     """Where it rested last, in the frame of the support [m]."""
     rest_s: float
     """The last time at which it was there [s]."""
+    seen_s: float = -np.inf
+    """When it was looked at last, since nothing has changed after that [s]."""
+    samples: int = 1
+    """The number of samples of which `rest` is the mean."""
     path: deque[tuple[float, Array]] = field(default_factory=deque)
     """Where it has been since, as far back as its end is dated; empty while it rests."""
     progress: Array | None = None
@@ -422,8 +424,11 @@ class SlideDetector:
         self._log = log
         self._contacts = contacts
         self._places: dict[tuple[BodyId, BodyId | None], _Place] = {}
-        self._seen = np.zeros((0, 7))
+        self._ids: tuple[BodyId, ...] = ()
+        self._poses = np.zeros((0, 7))
         """n x 7: the poses of the sample before."""
+        self._counts = np.zeros(0, dtype=np.intp)
+        """n: the numbers of supports then."""
 
     def update(self, sample: MotionSample, agents: Mapping[BodyId, str | None]) -> None:
         """Takes a sample.
@@ -436,7 +441,7 @@ class SlideDetector:
         is_supported = table.is_subject & (self._contacts.support_counts > 0) & ~sample.jumped
         for key in [key for key in self._places if not self._is_on(key, sample, is_supported)]:
             self._leave(key, sample)
-        rows = np.flatnonzero(is_supported)
+        rows = np.flatnonzero(is_supported & self._may_move(sample))
         tilts = set(rows[self._tilts(rows, sample)].tolist())
         for row in rows.tolist():
             id = table.ids[row]
@@ -448,6 +453,20 @@ class SlideDetector:
             for key in keys:
                 self._follow(key, row, sample, is_tilting=row in tilts)
             self._report(id, keys, sample, agents.get(id))
+
+    def _may_move(self, sample: MotionSample) -> Mask:
+        """Which bodies have changed since the sample before, or what they rest on, or have not stopped."""
+        table, counts = sample.table, self._contacts.support_counts
+        if table.ids != self._ids:
+            changed = np.ones(len(table.ids), dtype=bool)
+        else:
+            changed = (sample.poses != self._poses).any(axis=1) | (counts != self._counts)
+            moved = {table.ids[row] for row in np.flatnonzero(changed).tolist()}
+            for (id, support), place in self._places.items():
+                if place.path or support in moved:
+                    changed[table.row[id]] = True
+        self._ids, self._poses, self._counts = table.ids, sample.poses.copy(), counts.copy()
+        return changed
 
     def finish(self) -> None:
         """Ends the motions that had stopped when the recording ended."""
@@ -476,21 +495,15 @@ class SlideDetector:
         now = _relative(sample.poses, row, key[1], sample.table)
         place = self._places.get(key)
         if place is None or (is_tilting and place.event is None):
-            self._places[key] = _Place(now, time_s)
+            self._places[key] = _Place(now, time_s, seen_s=time_s)
             return
         if not place.path:
-            distance = _horizontal(now - place.rest, key[1], sample)
-            if distance <= _RESTS_M:
-                place.rest_s = time_s
-            elif distance > limits.still_m:
-                place.progress, place.progress_s = now, time_s
-                place.path.append((time_s, now))
-                place.farthest_m = distance
+            self._rest(place, now, key[1], sample)
             return
         assert place.progress is not None
         if is_tilting:  # the slide ends where the body begins to tip
             self._end(place, place.progress_s)
-            self._places[key] = _Place(now, time_s)
+            self._places[key] = _Place(now, time_s, seen_s=time_s)
             return
         place.path.append((time_s, now))
         if np.linalg.norm(now - place.progress) > limits.still_m:
@@ -503,11 +516,28 @@ class SlideDetector:
         if time_s - place.progress_s > pause_s or time_s - self._stopped_s(place) >= pause_s:
             if place.event is not None:
                 self._end(place)
-                self._places[key] = _Place(now, time_s)
+                self._places[key] = _Place(now, time_s, seen_s=time_s)
             elif time_s - place.progress_s > pause_s:  # it may go on: the distance from where it rested counts
                 place.path.clear()
                 if place.farthest_m < limits.still_m:
-                    self._places[key] = _Place(now, time_s)
+                    self._places[key] = _Place(now, time_s, seen_s=time_s)
+
+    def _rest(self, place: _Place, now: Array, support: BodyId | None, sample: MotionSample) -> None:
+        """Takes where a body is that has rested so far."""
+        limits = self._limits
+        if place.rest_s >= place.seen_s:
+            place.rest_s = sample.time_s - sample.step_s
+        place.seen_s = sample.time_s
+        distance = _horizontal(now - place.rest, support, sample)
+        if distance <= limits.rest_m:
+            place.rest_s = sample.time_s
+        if distance <= limits.still_m and place.samples < _REST_SAMPLES:
+            place.samples += 1
+            place.rest = place.rest + (now - place.rest) / place.samples
+        elif distance > limits.still_m:
+            place.progress, place.progress_s = now, sample.time_s
+            place.path.append((sample.time_s, now))
+            place.farthest_m = distance
 
     def _report(
         self, id: BodyId, keys: list[tuple[BodyId, BodyId | None]], sample: MotionSample, agent: str | None
@@ -534,12 +564,12 @@ class SlideDetector:
         angles = np.arccos(np.clip(up[:, 2], -1.0, 1.0))
         return np.asarray(angles > _TILT_RAD_S * max(sample.time_s - start_s, 1e-9))
 
-    @staticmethod
-    def _stopped_s(place: _Place) -> float:
+    def _stopped_s(self, place: _Place) -> float:
         """The first time from which a body has been where it is now on its support [s]."""
-        found, now = place.path[-1]
+        found = place.path[-1][0]
+        now = np.mean([at for time_s, at in place.path if time_s >= found - _STOP_S], axis=0)
         for time_s, at in reversed(place.path):
-            if np.linalg.norm(at - now) > _RESTS_M:
+            if np.linalg.norm(at - now) > self._limits.rest_m:
                 break
             found = time_s
         return found
@@ -553,8 +583,9 @@ class SlideDetector:
             place.event = None
 
 
-_RESTS_M = 0.0005
-"""A body that is displaced by less rests [m]: begins and ends of slides are dated by it."""
+_REST_SAMPLES = 90
+_STOP_S = 0.1
+"""The time over which the place is averaged at which a body has stopped [s]."""
 _TILT_RAD_S = 0.5
 """Speed at which the vertical axis of a body turns from which it tips rather than slides [rad/s]."""
 

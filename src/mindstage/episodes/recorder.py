@@ -147,6 +147,7 @@ class Recorder:
         *,
         rate_hz: Frequency = 30.0,
         events: bool = True,
+        self_contained: bool = False,
     ) -> None:
         """Starts to record; the state at this time is the first frame.
 
@@ -154,6 +155,8 @@ class Recorder:
             path: the file to write, ending with ".mcap".
             rate_hz: frames per simulated second. Edits are recorded when they are made.
             events: whether events are detected while it records; otherwise whoever reads the file detects them.
+            self_contained: whether geometry, textures and maps are in the file however large they are; otherwise they
+                are in the folder `contents` beside it, once for all episodes there.
 
         Raises:
             EpisodeFileError: the file exists or cannot be written, or the suffix is another one.
@@ -190,7 +193,7 @@ class Recorder:
         header = self._header(rate_hz, has_events=events)
         self._detection = _DetectionThread(self._pending.append, self._on_fault) if events else None
         self._writer = _EpisodeWriter(
-            EpisodeFileWriter(self.path),
+            EpisodeFileWriter(self.path, is_self_contained=self_contained),
             header,
             simulation.knowledge,
             on_fault=self._on_fault,
@@ -704,6 +707,7 @@ class _EpisodeWriter:
         self._number = -1
         self._base = 0
         self._base_ns = 0
+        self._base_structure = 0
         self._complete = (-1, -1)
         """The number of the last structure that was written as a whole, and the first chunk with it."""
         self._changes: list[bytes] = []
@@ -747,9 +751,11 @@ class _EpisodeWriter:
         self._open_since_s, self._chunk_frames, self._chunk_bytes = time.monotonic(), 0, 0
         self._number += 1
         self._chunk_ns = self._time_ns
-        is_base = self._number == 0 or self._time_ns - self._base_ns >= _BASE_S * 1e9
+        has_changed = self._changed_bodies or self._changed_joints or self._structure.number != self._base_structure
+        is_base = self._number == 0 or (has_changed and self._time_ns - self._base_ns >= _BASE_S * 1e9)
         if is_base:
             self._base, self._base_ns = self._number, self._time_ns
+            self._base_structure = self._structure.number
             self._changed_bodies, self._changed_joints = set(), set()
         # The chunk after a base is one, too: what follows can be read without either of them.
         is_whole = self._number - self._base <= 1

@@ -52,6 +52,16 @@ class DetectionThresholds:
     """A hinge turns, and stops [rad/s]: the rim of a door of 0.5 m at `move_m_s`."""
     still_m: NotNegative = 0.002
     """A body that is displaced by less has not moved yet [m]: begins and ends of motions are dated by it."""
+    rest_m: NotNegative = 0.0005
+    """A body that is displaced by less rests [m]: begins and ends of slides are dated by it."""
+    changed_m: NotNegative = 1e-6
+    """A body whose pose has changed by less has not moved since the frame before [m]; also of its quaternion."""
+    touching_gap_m: NotNegative = 0.001
+    """Gap within which bodies that an engine simulates are in contact though it reports none [m]: they sleep, or
+    jitter."""
+    flight_tolerance_m: NotNegative = 0.006
+    """Deviation from a parabola within which a body is in free flight [m]: what a fall from rest covers within a
+    frame."""
     contact_gap_m: tuple[NotNegative, NotNegative] = (0.003, 0.006)
     """Where contacts were not recorded, two bodies touch from one gap and part at the other one [m]: above the noise of
     1 mm on either side."""
