@@ -354,13 +354,7 @@ class RosbridgeClient(Node):
                 await self._open_log(connection, running)
             self._connection = connection
             self.needs_packages = server != SERVER_NAME
-            if self.needs_packages:
-                self._pacing = PacedAdvertising(
-                    self._send_now, self._round_trip, self._leave_out, self._send_if_possible, batch=self._batch
-                )
-                advertising = asyncio.ensure_future(self._pacing.run())
-            for key, operation in self._advertisements.items():
-                self._send_advertisement(key, operation)
+            advertising = self._start_advertising()
             self._set_state(ConnectionState.CONNECTED)
             self._first_attempt_done.set()
             if advertising is not None:
@@ -382,6 +376,18 @@ class RosbridgeClient(Node):
                 self._set_state(ConnectionState.LOST)
             self._pending_calls.fail_all(self._cause)
             self._dispatcher.cancel_all()
+
+    def _start_advertising(self) -> asyncio.Future[None] | None:
+        """Advertises and subscribes at a new connection; returns the task that does it at a server of ROS."""
+        advertising = None
+        if self.needs_packages:
+            self._pacing = PacedAdvertising(
+                self._send_now, self._round_trip, self._leave_out, self._send_if_possible, batch=self._batch
+            )
+            advertising = asyncio.ensure_future(self._pacing.run())
+        for key, operation in self._advertisements.items():
+            self._send_advertisement(key, operation)
+        return advertising
 
     async def _open_log(self, connection: Connection, running: asyncio.Future[None]) -> None:
         """Subscribes to the log of the server, and waits until it is received or the time is over.
