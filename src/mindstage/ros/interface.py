@@ -217,16 +217,9 @@ class RosInterface:
                 self._open()
                 self._robots = RobotInterfaces(self._endpoints, state_reader, self.parameters, self._skills)
                 self._start_publishers(rates or PublishRates())
-            self._wait_advertised()
         except BaseException:
             self.close()
             raise
-
-    def _wait_advertised(self) -> None:
-        """Waits until another server has handled everything that is offered."""
-        node = self._node
-        if isinstance(node, RosbridgeClient) and node.connected and not node.wait_advertised():
-            _log.warning("%s has not yet accepted everything that is offered", node.url)
 
     @property
     def service_names(self) -> tuple[str, ...]:
@@ -291,6 +284,8 @@ class RosInterface:
             publish_robots=self._robots.publish,
             extra_tick=self._tick,
         )
+        if isinstance(node, RosbridgeClient) and node.connected and not node.wait_advertised():
+            _log.warning("%s has not yet accepted everything that is offered", node.url)
 
     # -- creation ------------------------------------------------------------------------------------------------------
 
