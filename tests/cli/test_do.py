@@ -10,6 +10,7 @@ import pytest
 
 from mindstage.access.policies import Access
 from mindstage.bridge import LocalNode, RosbridgeServer
+from mindstage.cli.options import ExitCode
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.episodes import Episode
 from mindstage.knowledge import KnowledgeBase
@@ -190,7 +191,7 @@ def address() -> Iterator[str]:
 
 def test_a_running_robot_performs_skills_and_reports_its_steps(run: Run, address: str) -> None:
     result = run("do", "go_to x=0.4 y=0.0; doubt", "--running", address)
-    assert result.exit_code == 2, result.stderr
+    assert result.exit_code == ExitCode.UNKNOWN, result.stderr
     assert "drive" in result.stdout, result.stderr
     assert "go_to succeeded after " in result.stdout
     assert "doubt unknown after " in result.stdout

@@ -44,8 +44,11 @@ def test_info_describes_a_whole_file_with_exit_code_0(run: Run, recorded: Path) 
 
 
 def test_a_damaged_file_has_exit_code_1_and_is_repaired(run: Run, recorded: Path, tmp_path: Path) -> None:
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(recorded.read_bytes()[:-200])
+    whole, damaged = recorded.read_bytes(), tmp_path / "damaged.mcap"
+    damaged.write_bytes(whole[:-200])  # only a part of the index, which can be read from the chunks
+    result = run("episode", "info", damaged)
+    assert (result.exit_code, "Everything in it is readable" in result.stdout) == (0, True)
+    damaged.write_bytes(whole[: len(whole) * 3 // 5])
     result = run("episode", "info", damaged)
     assert result.exit_code == 1
     assert "lost after" in result.stdout
@@ -53,7 +56,7 @@ def test_a_damaged_file_has_exit_code_1_and_is_repaired(run: Run, recorded: Path
     assert repaired.exit_code == 1
     assert (tmp_path / "damaged-repaired.mcap").is_file()
     with Episode(tmp_path / "damaged-repaired.mcap") as after, Episode(recorded) as before:
-        assert len(list(after.frames())) == len(list(before.frames()))
+        assert 0 < len(list(after.frames())) <= len(list(before.frames()))
     assert run("episode", "repair", damaged).exit_code == 2  # it exists
     assert run("episode", "repair", recorded, "-o", tmp_path / "again.mcap").exit_code == 0
 

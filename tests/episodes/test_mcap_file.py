@@ -39,7 +39,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(recorder, "_CHUNK_FRAMES", 5)
         patch.setattr(recorder, "_BASE_S", 0.7)
         simulation.spawn(kitchenette())
-        with Recorder(simulation, path) as running:
+        with Recorder(simulation, path, self_contained=True) as running:
             running.flush()  # attachments are at the begin of long files
             for number in range(12):
                 x = 0.2 * number - 1.0

@@ -203,7 +203,7 @@ def test_the_links_of_a_robot_neither_fall_nor_tip(room: SimulationImage) -> Non
 
 def test_a_plan_has_time_for_its_skills() -> None:
     plan = PlanBuilder().perform("approach", thing="cube", deadline_s=60.0).wait(1.0).build()
-    assert plan.time_limit_s == 90.0
+    assert plan.time_limit_s == 60.0 + (1.0 + 10.0) + 30.0  # of the skill, of the wait with its margin, of the plan
     assert Plan(steps=()).time_limit_s == 30.0
     assert PlanBuilder().perform("dawdle").deadline(5.0).build().time_limit_s == 5.0
 

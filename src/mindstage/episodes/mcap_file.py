@@ -343,6 +343,11 @@ class EpisodeFile:
             raise EpisodeFileError(str(self.path), cause=f"{name}: {cause}")
         return None
 
+    def reference(self, name: str) -> bytes | None:
+        """The digest of an attachment that is in the folder beside the file; None if it is not there."""
+        found = f"{name}{_ELSEWHERE}"
+        return self.attachment(found) if found in self._attachments else None
+
     def _stored(self, name: str, digest: str) -> bytes:
         """An attachment that is in the folder beside the file."""
         path = self.path.parent / CONTENTS_FOLDER / digest
@@ -702,7 +707,12 @@ def _write_repaired(
     writer = EpisodeFileWriter(output)
     try:
         for name in file.attachment_names():
-            content = None if name == _LOSSES else file.attachment(name)
+            if name == _LOSSES:
+                continue
+            try:
+                content = file.attachment(name)
+            except EpisodeFileError:  # listed as a loss; one of the folder beside the file may be copied there later
+                name, content = f"{name}{_ELSEWHERE}", file.reference(name)
             if content is not None:
                 writer.add_attachment(name, "application/octet-stream", content)
         if losses:

@@ -289,7 +289,7 @@ def failure_response(response: type[Message], error: MindstageError, text: str) 
         text: its message.
     """
     fields = response.__struct_fields__
-    if "result" in fields:
+    if _has_result_code(response):
         code = simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED
         return response(result=simulation_interfaces.Result(result=code, error_message=text))
     if "refusal" in fields:
@@ -307,6 +307,11 @@ _FAILURE_CODES: Mapping[type[Message], tuple[int, str]] = {
 """The code of a failure without a more exact one, and the field of its reason; the default code means success."""
 
 
+def _has_result_code(response: type[Message]) -> bool:
+    """Whether a response has a `Result` of simulation_interfaces; in others, a field of that name may be a text."""
+    return isinstance(getattr(response(), "result", None), simulation_interfaces.Result)
+
+
 def refusal_response(response: type[Message], error: WorldError) -> Message:
     """Returns the response for an operation that the world rejected.
 
@@ -314,7 +319,7 @@ def refusal_response(response: type[Message], error: WorldError) -> Message:
         WorldError: the type has no field for it.
     """
     fields = response.__struct_fields__
-    if "result" in fields:
+    if _has_result_code(response):
         code = (
             simulation_interfaces.ResultCode.RESULT_NOT_FOUND
             if isinstance(error, BodyNotFoundError)
@@ -596,7 +601,7 @@ def action_handler(
 
 
 def _canceled_result(result: type[Message]) -> Message:
-    if "result" not in result.__struct_fields__:
+    if not _has_result_code(result):
         return result()
     canceled = simulation_interfaces.Result(
         result=simulation_interfaces.ResultCode.RESULT_OPERATION_FAILED, error_message="it was canceled"

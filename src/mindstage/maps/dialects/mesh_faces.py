@@ -133,8 +133,9 @@ def choose_sides(
     least = np.where(best == 1, np.where(solver.is_vertical, _MIN_CENTER, _MIN_MIDDLE), _MIN_SIDE)
     undecided = (chances.max(axis=2) < least) & ~solver.is_certain
     chosen = np.where(solver.is_certain, sides, np.where(undecided, 0.0, _STATES[best]))
-    if solver.defects(chosen) > _MAX_DEFECTS * solver.defects(sides):
-        undecided = ~solver.is_certain & ~undecided & (chosen != sides)
+    defects, given_defects = solver.defects(chosen), solver.defects(sides)
+    if defects > _MAX_DEFECTS * given_defects:  # other evidence counts, which is better if that leaves fewer of them
+        undecided = ~solver.is_certain & ~undecided & (chosen != sides) & (defects <= given_defects)
         chosen = sides
     else:
         is_rare = (best != 1) & (best != 1 + solver.up)
