@@ -25,6 +25,7 @@ from mindstage.episodes import mcap_file, tracking
 from mindstage.episodes import recorder as recorder_module
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.episode import Episode
+from mindstage.episodes.mcap_file import repair
 from mindstage.episodes.recorder import Recorder, RecordingFolder
 from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
@@ -521,6 +522,7 @@ def test_episodes_of_one_folder_have_large_contents_in_common(
         assert episode.geometry.keys() == whole.geometry.keys()
         assert episode.map_at_begin == whole.map_at_begin
         assert episode.knowledge().to_bytes()
+    contents_before = shutil.copytree(tmp_path / "contents", tmp_path / "before")
     for path in (tmp_path / "contents").iterdir():
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 1
@@ -534,6 +536,11 @@ def test_episodes_of_one_folder_have_large_contents_in_common(
     lost = r"knowledge.*copy the folder 'contents'"
     with Episode(tmp_path / "two.mcap") as episode, pytest.raises(EpisodeFileError, match=lost):
         episode.knowledge()
+    assert repair(tmp_path / "one.mcap", tmp_path / "repaired.mcap")
+    shutil.copytree(contents_before, tmp_path / "contents")
+    with Episode(tmp_path / "repaired.mcap") as episode:
+        assert len(list(episode.frames())) > 5
+        assert "<rdf:RDF" in episode.map_at_begin
 
 
 KILLED = """
