@@ -173,7 +173,7 @@ def test_missing_facts_are_printed(kitchen: PrologConsole, capfd: pytest.Capture
 
 def test_structured_answers_are_terms(kitchen: PrologConsole) -> None:
     pose = "pose([X, _, _], [W, _, _, _])"
-    goal = f"what_is(_, milk_carton_1, Classes, none, {pose}, [_, _, 0.2], Kg, dynamic, _, none, Tags, _, map)"
+    goal = f"what_is(_, milk_carton_1, Classes, none, {pose}, [_, _, 0.2], Kg, dynamic, _, none, [], Tags, _, map)"
     (row,) = kitchen.solutions(f"{goal}, memberchk(tag('SemLog', 'Id', milk_carton_1), Tags)")
     assert row["Kg"] == pytest.approx(1.05)
     assert (row["X"], row["W"]) == (pytest.approx(-1.567), pytest.approx(0.707107))

@@ -10,6 +10,7 @@ import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
 from mindstage.imagination import Outcome, Plan, ReplayFrame, SampleResult, Verdict, Wait
+from mindstage.imagination.verdicts import IntervalKind
 from mindstage.rendering.appearance import compute_appearance
 from mindstage.scene import BodyId, Pose
 from mindstage.viewer import ghosts as ghosts_module
@@ -117,6 +118,10 @@ def verdict(*results: SampleResult) -> Verdict:
         outcome=Outcome.UNKNOWN,
         probability=None,
         interval=(0.0, 1.0),
+        interval_kind=IntervalKind.ALWAYS_VALID,
+        began_in_collision=0,
+        more_samples=None,
+        sensitivity="",
         samples=len(results),
         succeeded=0,
         failed=0,

@@ -36,6 +36,13 @@ needs(java, visualisation_canvas(_)).
 needs(java, camera_pose([0, 0, 5], [1, 0, 0, 0])).
 needs(visualization, visualisation_canvas).
 needs(visualization, clear_canvas).
+needs(visualization, show_marker(cup, _)).
+needs(visualization, show_marker(cup, _, [])).
+needs(visualization, show_markers([cup])).
+needs(visualization, data_vis(chart(speed), [])).
+needs(visualization, designator_publish(_)).
+needs(visualization, designator_publish(_, _)).
+needs(visualization, designator_publish_image(_)).
 needs(visualization, add_object(cup)).
 needs(visualization, add_object(cup, 0)).
 needs(visualization, add_objects([cup])).
