@@ -71,8 +71,9 @@ try:
     found = find_godot()
     print(found.version, "at", found.path)
 except EngineUnavailableError as error:
-    print("NOT FOUND:" if "not found" in error.cause else "BROKEN:", error.cause)
-    raise SystemExit("not found" not in error.cause)
+    if "not found" not in error.cause:
+        raise SystemExit(error.cause)
+    print("NOT FOUND:", error.cause)
 """
 _TRY_PROLOG = """
 import shutil

@@ -26,7 +26,7 @@ from mindstage.episodes.recording import EpisodeEvent, EpisodeFrame, Recording
 from mindstage.episodes.smoothing import LINE_S, estimate_noise, smoothed_poses, thresholds_for
 from mindstage.episodes.tracking import AgentTracker, BodyTable, DetectionThresholds, MotionTracker
 from mindstage.errors import EpisodeError
-from mindstage.ranges import NotNegative
+from mindstage.ranges import Length, NotNegative, checked
 from mindstage.scene import NO_GEOMETRY, BodyId, GeometryMap
 from mindstage.scene.transforms import pose_array
 
@@ -55,13 +55,14 @@ class EventDetector:
     frames all the same.
     """
 
+    @checked
     def __init__(
         self,
         *,
         geometry: GeometryMap = NO_GEOMETRY,
         thresholds: DetectionThresholds | None = None,
         agents: Collection[BodyId] = (),
-        noise_m: NotNegative = 0.0,
+        noise_m: Length = 0.0,
         step_s: NotNegative = 1 / 30,
     ) -> None:
         """Creates a detector that has seen no frame.
@@ -207,12 +208,13 @@ class EventDetector:
             poses[row] = pose if np.isfinite(pose).all() else (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
+@checked
 def detect_events(
     recording: Recording,
     *,
     thresholds: DetectionThresholds | None = None,
     agents: Collection[BodyId] = (),
-    noise_m: NotNegative | None = None,
+    noise_m: Length | None = None,
 ) -> tuple[EpisodeEvent, ...]:
     """Returns all events of a recording, in the order of their begin; faults are logged.
 

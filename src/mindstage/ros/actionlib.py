@@ -27,6 +27,7 @@ from mindstage.msgs import (
     type_name,
 )
 from mindstage.msgs import actionlib_msgs as wire
+from mindstage.ranges import checked
 from mindstage.ros.diagnostics import DiagnosticsPublisher, Publisher
 from mindstage.ros.service import EndedGoal, decode_request, failure_response
 
@@ -73,6 +74,7 @@ class _GoalHandle(ServerGoalHandle):
         self._on_begin()
         super().feedback(values)
 
+    @checked
     def wait_for_cancel(self, timeout_s: Timeout) -> bool:
         self._on_begin()
         return super().wait_for_cancel(timeout_s)

@@ -23,7 +23,7 @@ from mindstage.engines.base import ActuatorState, Contact, DynamicsScale
 from mindstage.engines.kinematic_tree import JointAxis, TreeJoint, joint_coordinates
 from mindstage.engines.mujoco.arena import ARENA_CAP_BYTES, copy_state, is_exhausted, larger_model, new_data, run_mujoco
 from mindstage.errors import EngineError
-from mindstage.ranges import Count, checked
+from mindstage.ranges import Count, NotNegative, checked
 from mindstage.scene import BodyId
 from mindstage.scene.transforms import Array, pose_inverse, pose_multiply, quat_conjugate, quat_rotate
 
@@ -432,7 +432,8 @@ class CompiledModel:
         trees = self.model.body_treeid
         return np.asarray(trees[self.model.geom_bodyid] == trees[self.body_ids[root]])
 
-    def fast_groups(self, min_speed: float) -> Iterator[FastGroup]:
+    @checked
+    def fast_groups(self, min_speed: NotNegative) -> Iterator[FastGroup]:
         """Loose bodies, groups on joints without actuators and kinematic ones that may have a part so fast [m/s]."""
         data, nothing = self.data, np.zeros(3)
         velocities, roots = data.qvel[self.free_velocities], list(self.free_joint_addresses)
@@ -451,7 +452,8 @@ class CompiledModel:
                 if self._is_fast(root, motion.mean_velocity[:3], spin, min_speed):
                     yield FastGroup(root, motion.mean_velocity[:3], spin, is_free=False)
 
-    def may_be_fast(self, min_speed: float) -> bool:
+    @checked
+    def may_be_fast(self, min_speed: NotNegative) -> bool:
         """Whether `fast_groups` may find some, which costs less."""
         free = np.abs(self.data.qvel[self.free_velocities]).max(initial=0.0)
         is_jointed = bool(self.joints) and np.abs(self.data.qvel).max(initial=0.0) > min_speed / _MAX_ARM_M
@@ -489,7 +491,8 @@ class CompiledModel:
         spin, linear = self.data.cvel[body_id, :3], self.data.cvel[body_id, 3:]
         return linear + np.cross(spin, point - self.data.subtree_com[self.model.body_rootid[body_id]]), spin.copy()
 
-    def obstacles(self, group: FastGroup, within_s: float, contact_s: float) -> Iterator[Obstacle]:
+    @checked
+    def obstacles(self, group: FastGroup, within_s: NotNegative, contact_s: NotNegative) -> Iterator[Obstacle]:
         """What a fast group will hit within a time [s], and for one that is not free, what it may pass through.
 
         Rays are cast from the corners and the center of each of its geoms. For a group that is not free, such as a door
