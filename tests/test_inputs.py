@@ -271,7 +271,7 @@ AS_DICT: dict[str, Any] = {
 AS_PLAN = (
     PlanBuilder("aside")
     .move("box", to=(-0.4, 0.0, TABLE_HEIGHT_M + 0.05))
-    .wait(0.1, deadline_s=10.0)
+    .wait(0.1)
     .uncertain("box", position_m=0.001)
     .check("where_is", thing="box")
     .build()

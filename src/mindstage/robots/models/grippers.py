@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from enum import Enum
+from enum import StrEnum
 from itertools import product
 from typing import NamedTuple
 
@@ -123,7 +123,7 @@ class _Measured(NamedTuple):
     """The distance of the fingers when it is closed."""
 
 
-class _OpensBy(Enum):
+class _OpensBy(StrEnum):
     """What is larger the farther a gripper is open."""
 
     SPREAD = "the distances of its fingers from each other"
