@@ -84,9 +84,9 @@ def test_a_failed_skill_exits_with_1_and_says_what_to_try(run: Run, write_map: W
     assert "to try: try Mug1" in result.stdout
 
 
-def test_an_unknown_outcome_exits_with_2(run: Run, write_map: WriteMap) -> None:
+def test_an_unknown_outcome_exits_with_3(run: Run, write_map: WriteMap) -> None:
     result = run("do", "doubt", write_map())
-    assert result.exit_code == 2
+    assert result.exit_code == ExitCode.UNKNOWN
     assert "may not have done doubt: nothing was seen" in result.stdout
 
 
