@@ -240,6 +240,12 @@ FEEDBACK_STEPS = _limit(
 NAMES_TIME = _limit(
     "time for another rosbridge to list its services", 3.0, "an idle world is published once a second", unit="s"
 )
+HELD_MESSAGES = _limit(
+    "messages on one topic that wait for its advertisement at a rosbridge of ROS",
+    16,
+    "it accepts a topic within seconds; the oldest are dropped",
+    excess=Excess.CUT,
+)
 UNSENT_MESSAGES = _limit(
     "published messages that wait for the event loop", 256, "the publisher waits", excess=Excess.SLOWED
 )

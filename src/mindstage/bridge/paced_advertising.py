@@ -13,6 +13,7 @@ import re
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Hashable, Iterator
 
+from mindstage.access.limits import HELD_MESSAGES
 from mindstage.bridge.broker import resolve_name
 from mindstage.bridge.protocol import Advertise, Operation, Publish, Unadvertise
 
@@ -20,8 +21,6 @@ __all__ = ["ADVERTISEMENT_BATCH", "PacedAdvertising", "package_of"]
 
 ADVERTISEMENT_BATCH = 8
 """Number of operations before a round trip."""
-_MAX_HELD = 16
-"""Number of messages on one topic that wait for its advertisement; the oldest are dropped."""
 _PROBES = 2
 """Number of types of a package of which the server refuses all before the package counts as missing."""
 _MISSING_PACKAGE = re.compile(
@@ -95,7 +94,7 @@ class PacedAdvertising:
         pending = (*self._waiting.values(), *self._unanswered.values())
         if not any(isinstance(each, Advertise) and resolve_name(each.topic) == name for each in pending):
             return False
-        self._held.setdefault(name, deque(maxlen=_MAX_HELD)).append(message)
+        self._held.setdefault(name, deque(maxlen=HELD_MESSAGES.count)).append(message)
         return True
 
     def on_refusal(self, operation: Operation, cause: str) -> bool:
