@@ -8,7 +8,6 @@ what needs a package that is missing is left out, and the operations are sent in
 from __future__ import annotations
 
 import asyncio
-import logging
 import re
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Hashable, Iterator
@@ -28,7 +27,6 @@ _MISSING_PACKAGE = re.compile(
 )
 """What servers say if they lack a package and not only the type: rosbridge_suite of ROS 1 and ROS 2, and
 rosbridge-server-rs."""
-_log = logging.getLogger("mindstage.bridge")
 
 
 def package_of(operation: Operation) -> str:
@@ -91,8 +89,7 @@ class PacedAdvertising:
         if self.is_idle.is_set():
             return False
         name = resolve_name(message.topic)
-        pending = (*self._waiting.values(), *self._unanswered.values())
-        if not any(isinstance(each, Advertise) and resolve_name(each.topic) == name for each in pending):
+        if not self._is_pending(name):
             return False
         self._held.setdefault(name, deque(maxlen=HELD_MESSAGES.count)).append(message)
         return True
@@ -144,4 +141,6 @@ class PacedAdvertising:
             yield key, operation
 
     def _is_pending(self, topic: str) -> bool:
-        return any(isinstance(each, Advertise) and resolve_name(each.topic) == topic for each in self._waiting.values())
+        """Whether the advertisement of a topic waits, or waits for its answer."""
+        pending = (*self._waiting.values(), *self._unanswered.values())
+        return any(isinstance(each, Advertise) and resolve_name(each.topic) == topic for each in pending)

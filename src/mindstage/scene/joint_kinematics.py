@@ -86,9 +86,7 @@ def axis_ranges(joint: Joint) -> tuple[JointAxisRange, ...]:
 
 def is_floating(joint: Joint) -> bool:
     """Whether a joint constrains nothing, such as a floating one in URDF: its bodies are free, as without it."""
-    linear, angular = joint.linear, joint.angular
-    motions = (linear.x, linear.y, linear.z, angular.twist, angular.swing2, angular.swing1)
-    return all(each is AxisMotion.FREE for each in motions)
+    return all(each.motion is AxisMotion.FREE for each in axis_ranges(joint))
 
 
 def first_movable_axis(joint: Joint) -> int | None:
