@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -151,19 +152,21 @@ def test_more_processes_than_the_machine_has_are_refused(page: FakePage, monkeyp
     ],
     ids=["defect", "refusal"],
 )
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_an_error_while_a_plan_runs_is_shown_and_another_plan_can_be_run(
     page: FakePage, monkeypatch: pytest.MonkeyPatch, method: str, error: Exception, text: str
 ) -> None:
     def fail(*_: object, **__: object) -> None:
         raise error
 
+    is_over = threading.Event()
+    monkeypatch.setattr(threading, "excepthook", lambda _: is_over.wait(60.0))  # a thread that ends slowly
     with monkeypatch.context() as patch:
         patch.setattr(panel, "evaluate_plan" if method == "plan.evaluate" else "act", fail)
         page.ask(method, plan=STAYS)
         assert ended(page) == {"state": "error", "error": text}
     page.ask("plan.evaluate", plan=STAYS, samples=1)
     assert ended(page)["succeeded"] == 1
+    is_over.set()
 
 
 def test_an_engine_without_physics_is_imagined_by_one_with_it() -> None:

@@ -92,9 +92,9 @@ class PlanHandler:
         self._drawn: dict[str, tuple[GhostGroup, ...]] = {}
         self._revision = -1
         self._added: dict[BodyId, BodyAppearance] = {}
+        """How bodies are drawn that exist in the copies only."""
         self._tried: StateSnapshot | None = None
         """The state of which the shown verdict is."""
-        """How bodies are drawn that exist in the copies only."""
         self._replay: ReplayGhosts | None = None
         self._replay_start: float | None = None
         channel.register("plan.evaluate", EvaluatePlanRequest, self._start, SPAWN, queue="plan")
@@ -103,7 +103,7 @@ class PlanHandler:
         channel.register("plan.replay", EmptyRequest, self._play, READ, queue="plan")
         channel.register("plan.clear", EmptyRequest, self._clear, READ, queue="plan")
         channel.register("plan.show_copies", ShowCopiesRequest, self._show_copies, READ, queue="plan")
-        self._publish()
+        self._change_state(self._state)
 
     def close(self) -> None:
         """Ends a plan that is running."""
@@ -165,8 +165,7 @@ class PlanHandler:
             if self._tried is None or self._state["state"] != "done" or not is_changed(self._tried, now):
                 return
             self._layers, self._replay, self._tried = {}, None, None
-            self._state = {"state": "outdated"}
-        self._publish()
+            self._change_state({"state": "outdated"})
 
     # -- requests ------------------------------------------------------------------------------------------------------
 
@@ -199,15 +198,15 @@ class PlanHandler:
     def _run_in_thread(self, run: Callable[..., None], options: Mapping[str, Any], state: dict[str, object]) -> None:
         """Starts what takes long, unless another plan is running."""
         with self._lock:
-            if self._thread is not None and self._thread.is_alive():
+            if self._is_busy:
                 cause = "a plan is running already, on this or another page"
                 raise InvalidArgumentError("the plan", cause=cause, remedy="wait for it, or cancel it")
             self._cancel.clear()
-            self._layers, self._replay, self._state = {}, None, state
+            self._layers, self._replay = {}, None
+            self._change_state(state)
             target = partial(self._report_errors, partial(run, **options))
             self._thread = threading.Thread(target=target, name="mindstage-plan-panel", daemon=True)
             self._thread.start()
-        self._publish()
 
     def _report_errors(self, run: Callable[[], None]) -> None:
         """Runs a plan, and publishes the error if it fails."""
@@ -281,8 +280,7 @@ class PlanHandler:
     def _on_progress(self, progress: Progress) -> None:
         state = {"state": "running", **msgspec.to_builtins(progress)}
         with self._lock:
-            self._state = {**self._state, **state}
-        self._publish()
+            self._change_state({**self._state, **state})
 
     def _stop(self, _: ClientSession, __: EmptyRequest) -> None:
         self._cancel.set()
@@ -299,17 +297,24 @@ class PlanHandler:
     def _clear(self, _: ClientSession, __: EmptyRequest) -> None:
         with self._lock:
             self._layers, self._replay = {}, None
-            if self._state["state"] not in {"running", "acting"}:
-                self._state = {"state": "idle"}
-        self._publish()
+            if not self._is_busy:
+                self._change_state({"state": "idle"})
 
     def _show_copies(self, _: ClientSession, request: ShowCopiesRequest) -> None:
         self._copies.is_shown = request.shown
 
     def _set_state(self, state: dict[str, object]) -> None:
         with self._lock:
-            self._state = state | ({"error": without_paths(str(state["error"]))} if "error" in state else {})
-        self._publish()
+            self._change_state(state | ({"error": without_paths(str(state["error"]))} if "error" in state else {}))
 
-    def _publish(self) -> None:
-        self._channel.publish(_TOPIC, self._state)
+    # -- under the lock ------------------------------------------------------------------------------------------------
+
+    @property
+    def _is_busy(self) -> bool:
+        """Whether a plan is running. Its thread may live on for a moment after the end has been published."""
+        return self._state["state"] in {"running", "acting"}
+
+    def _change_state(self, state: dict[str, object]) -> None:
+        """Sets and publishes the state, so that pages receive states in the order in which they were set."""
+        self._state = state
+        self._channel.publish(_TOPIC, state)
