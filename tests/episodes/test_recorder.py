@@ -282,6 +282,21 @@ def lift(simulation: Simulation, height: float) -> None:
         simulation.step(1 / 30)
 
 
+def test_without_contacts_of_the_engine_events_follow_from_the_shapes_of_bodies(tmp_path: Path) -> None:
+    with Simulation(KnowledgeBase(), make_engine("null")) as simulation:
+        simulation.spawn(kitchenette())
+        x, y, z = simulation.snapshot().body(MUG).pose.position
+        with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+            for number in range(60):
+                lifted = SetPoses({MUG: Pose((x, y, z + 0.02 * max(abs(number - 30) - 15, 0)))})
+                simulation.engine.run(lambda engine, edit=lifted: engine.apply(edit), edits=True)
+                simulation.step(1 / 30)
+        assert recorder.error is None
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert any(each.kind is EpisodeEventKind.SUPPORT and each.thing == MUG for each in episode.events())
+        assert episode._final_events() == detect_events(episode)
+
+
 def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
     simulation: Simulation, tmp_path: Path
 ) -> None:

@@ -45,7 +45,7 @@ _PIPE_BYTES = 1 << 20
 _MAX_READ_BYTES = 1 << 16
 _MAX_MESSAGE_BYTES = 1 << 30
 _MAX_RESTING_FRAMES = 30
-"""Frames without any change after which no more are searched for events until something changes."""
+"""Frames without any change that are searched for events, at the begin and at the end of each rest."""
 _log = logging.getLogger("mindstage.episodes")
 
 _TOPICS = tuple(EpisodeTopic)
@@ -260,7 +260,7 @@ class EventProcess:
         self._inbox = _Inbox(_Reply)
         self._replies: list[_Reply] = []
         self._resting_frames = 0
-        self._skipped: _Frame | None = None
+        self._skipped: deque[_Frame] = deque(maxlen=_MAX_RESTING_FRAMES)
         self._interpreter: _Interpreter | None = None
         try:
             self._interpreter = _Interpreter.take()
@@ -295,21 +295,20 @@ class EventProcess:
             return 0.0
 
     def add_frame(self, time_ns: int, messages: Sequence[tuple[EpisodeTopic, bytes]]) -> None:
-        """Takes the messages of a frame; long rests are left out, apart from their begin and their last frame."""
+        """Takes the messages of a frame; the middle of long rests is left out."""
         if self.has_ended:
             return
         frame = _Frame(time_ns, [(_NUMBERS[topic], data) for topic, data in messages])
         self._resting_frames = 0 if messages else self._resting_frames + 1
         if self._resting_frames > _MAX_RESTING_FRAMES:
-            self._skipped = frame
+            self._skipped.append(frame)
             return
         self._add_skipped()
         self._add(frame)
 
     def _add_skipped(self) -> None:
-        if self._skipped is not None:
-            self._add(self._skipped)
-            self._skipped = None
+        while self._skipped:
+            self._add(self._skipped.popleft())
 
     def _add(self, frame: _Frame) -> None:
         if not self.has_ended:
@@ -317,7 +316,7 @@ class EventProcess:
             self._send(frame)
 
     def add_geometry(self, data: bytes) -> None:
-        """Takes geometry of bodies, as `encode_geometry`."""
+        """Takes geometry of bodies, as `encode_geometry`, with their collision shapes."""
         self._send(_Geometry(data))
 
     def finish(self) -> None:

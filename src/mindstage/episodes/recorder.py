@@ -7,6 +7,7 @@ detected in another process: states are recorded whatever happens there.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import logging
 import os
@@ -991,9 +992,10 @@ class _EpisodeWriter:
         self._attached |= new
         name = f"geometry-{self._geometry_files}"
         self._geometry_files += 1
+        if self._detection is not None:  # which does not look at what is seen
+            shapes = {id: dataclasses.replace(each, visuals=(), lights=(), _draw=None) for id, each in new.items()}
+            self._detection.add_geometry(encode_geometry(shapes, known=self._geometry_keys))
         content = encode_geometry(new, known=self._geometry_keys)
-        if self._detection is not None:
-            self._detection.add_geometry(content)
         self._file.add_attachment(f"{name}.msgpack.zst", "application/msgpack+zstd", content, time_ns=self._time_ns)
         if not self._geometry_keys >= {each.key for each in new.values()}:
             lights = world.lights if self._geometry_files == 1 else ()
