@@ -66,7 +66,7 @@ def test_a_plan_that_does_not_end_in_its_budget_exits_with_3(run: Run, plan: Pat
         ("steps: []\n", ["--expect", "none"], "there is no question"),
         ("steps: []\n", ["--check", "where_is table", "--expect", "nothing"], "it is no answer"),
         ("steps: []\n", ["--uncertainty", "Milk"], "it states no deviation"),
-        ("steps: []\n", ["--uncertainty", "Milk height=3"], "`height`"),
+        ("steps: []\n", ["--uncertainty", "Milk height=3"], "'height=3' is no standard deviation"),
         ("steps: []\n", ["--uncertainty", "Milk mass=much"], "mass"),
         ("steps:\n- {do: wait, duration_s: 1}\n", ["--workers", "cloud"], "no executor is named 'cloud'"),
         ("steps:\n- {do: wait, duration_s: 1}\n", ["--workers", "gpu:0"], "worlds 0: it must be"),

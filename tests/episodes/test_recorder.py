@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -21,13 +22,13 @@ from rosbags.highlevel import AnyReader
 
 from mindstage.engines import make_engine
 from mindstage.engines.base import Engine
-from mindstage.episodes import mcap_file, tracking
+from mindstage.episodes import event_process, mcap_file
 from mindstage.episodes import recorder as recorder_module
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.mcap_file import repair
 from mindstage.episodes.recorder import Recorder, RecordingFolder
-from mindstage.episodes.recording import EpisodeEventKind
+from mindstage.episodes.recording import EpisodeEventKind, EventState
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
@@ -36,6 +37,7 @@ from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
 from tests.conftest import missing
 from tests.kitchenette import kitchenette
+from tests.viewer.waiting import wait_until
 
 
 @pytest.fixture
@@ -280,6 +282,21 @@ def lift(simulation: Simulation, height: float) -> None:
         simulation.step(1 / 30)
 
 
+def test_without_contacts_of_the_engine_events_follow_from_the_shapes_of_bodies(tmp_path: Path) -> None:
+    with Simulation(KnowledgeBase(), make_engine("null")) as simulation:
+        simulation.spawn(kitchenette())
+        x, y, z = simulation.snapshot().body(MUG).pose.position
+        with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+            for number in range(60):
+                lifted = SetPoses({MUG: Pose((x, y, z + 0.02 * max(abs(number - 30) - 15, 0)))})
+                simulation.engine.run(lambda engine, edit=lifted: engine.apply(edit), edits=True)
+                simulation.step(1 / 30)
+        assert recorder.error is None
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert any(each.kind is EpisodeEventKind.SUPPORT and each.thing == MUG for each in episode.events())
+        assert episode._final_events() == detect_events(episode)
+
+
 def test_the_time_of_a_recording_goes_on_whatever_clock_an_edit_restores(
     simulation: Simulation, tmp_path: Path
 ) -> None:
@@ -450,17 +467,28 @@ def test_a_full_disk_stops_the_recording_and_not_the_simulation(
         recorder.stop()
 
 
+PLANTED = """
+from mindstage.episodes import tracking
+sample = tracking.MotionTracker.sample
+def fail(self, time_s, *args):
+    if 0.9 < time_s < 1.1:
+        raise IndexError("a planted bug")
+    return sample(self, time_s, *args)
+tracking.MotionTracker.sample = fail
+"""
+
+
+def _plant(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    """Executes code in the processes that detect events, before they do."""
+    event_process.end_idle()
+    monkeypatch.setattr(event_process, "_CODE", code + event_process._CODE)
+    monkeypatch.setattr(event_process, "_IDLE_S", 0.0)
+
+
 def test_a_fault_in_the_detection_of_events_is_shown_at_once_and_nothing_else_is_lost(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sample = tracking.MotionTracker.sample
-
-    def fail(self: tracking.MotionTracker, time_s: float, *args: Any) -> Any:
-        if 0.9 < time_s < 1.1:
-            raise IndexError("a planted bug")
-        return sample(self, time_s, *args)
-
-    monkeypatch.setattr(tracking.MotionTracker, "sample", fail)
+    _plant(monkeypatch, PLANTED)
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(0.5)
         assert recorder.error is None
@@ -481,6 +509,164 @@ def test_a_fault_in_the_detection_of_events_is_shown_at_once_and_nothing_else_is
         assert "a planted bug" in fault
         assert "0.9" in fault
         assert any(event.kind is EpisodeEventKind.FALL and event.begin_s > 1.4 for event in episode.events())
+
+
+def _bump(simulation: Simulation, *, seconds: float = 1.0) -> None:
+    """Lets a mug fall."""
+    simulation.engine.run(lambda engine: engine.apply(SetPoses({BodyId("Mug"): Pose((0.0, 0.5, 1.0))})), edits=True)
+    simulation.step(seconds)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import os; os._exit(3)",
+        "import sys; sys.argv[1] = 'none'\n",
+        "print('noise')\nfrom mindstage.episodes import event_process as e\ndef fail(*_): raise MemoryError\n"
+        "e._Detection.take = fail\n",
+        "from mindstage.episodes import detection as d\ndef fail(*_): raise MemoryError\n"
+        "d.EventDetector.update = fail\n",
+        "import os, sys; os.write(int(sys.argv[2]), b'noise that is no message' * 9)\n",
+    ],
+)
+def test_without_its_process_events_are_detected_when_the_file_is_read(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    _plant(monkeypatch, code)
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        _bump(simulation)
+        recorder.flush()
+        _bump(simulation)
+    assert "detected when the file is read" in str(recorder.error) or "the detection ended" in str(recorder.error)
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(2.0)
+        assert len(episode.faults()) == 1
+        assert episode.events() == detect_events(episode)
+        assert [each.kind for each in episode.events()].count(EpisodeEventKind.FALL) == 2
+
+
+def test_a_detection_that_cannot_follow_is_given_up_and_said_so(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _plant(monkeypatch, "import time; time.sleep(60)\n")
+    monkeypatch.setattr(event_process, "_PIPE_BYTES", 4096)
+    monkeypatch.setattr(event_process, "_MAX_UNSENT_BYTES", 20_000)
+    monkeypatch.setattr(recorder_module, "_LATE_S", 0.0)
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        for _ in range(10):
+            _bump(simulation, seconds=0.4)
+    assert "behind" in str(recorder.error)
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(4.0)
+        assert sum(event.kind is EpisodeEventKind.FALL for event in episode.events()) == 10
+
+
+def test_a_detection_that_hangs_does_not_hang_the_recording(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _plant(monkeypatch, "import time; time.sleep(60)\n")
+    monkeypatch.setattr(recorder_module, "_STOP_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(recorder_module, "_SILENT_S", 0.5)
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        simulation.step(0.5)
+        recorder.flush()
+    assert "no progress" in str(recorder.error)
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.end_s == pytest.approx(0.5)
+
+
+def test_stopping_waits_as_long_as_there_is_progress(
+    simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recorder_module, "_STOP_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(recorder_module, "_WAIT_S", 0.05)
+    write_map = recorder_module.write_map
+
+    def compute_long(world: World) -> str:
+        end_s = time.thread_time() + 1.5
+        while time.thread_time() < end_s:
+            pass
+        return write_map(world)
+
+    recorder = Recorder(simulation, tmp_path / "run.mcap")
+    simulation.step(0.5)
+    recorder.flush()
+    monkeypatch.setattr(recorder_module, "write_map", compute_long)
+    parts: list[float] = []
+    recorder.stop(progress=parts.append)
+    assert len(parts) > 10
+    assert all(0.0 <= part <= 1.0 for part in parts)
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode.map_at_end
+
+    def wait_long(world: World) -> str:
+        released.wait(60.0)
+        return write_map(world)
+
+    released = threading.Event()
+    stuck = Recorder(simulation, tmp_path / "stuck.mcap")
+    stuck.flush()
+    monkeypatch.setattr(recorder_module, "write_map", wait_long)
+    with pytest.raises(EpisodeFileError, match="nothing was written"):
+        stuck.stop()
+    released.set()
+    stuck.stop()
+
+
+def test_events_are_found_while_the_simulation_plays(simulation: Simulation, tmp_path: Path) -> None:
+    with Recorder(simulation, tmp_path / "run.mcap") as recorder:
+        recorder.flush()
+        simulation.play()
+        fallen = SetPoses({BodyId("Mug"): Pose((0.0, 0.5, 1.0))})
+        simulation.engine.run(lambda engine: engine.apply(fallen), edits=True)
+        wait_until(
+            lambda: any(each.kind is EpisodeEventKind.FALL for each in recorder.live_events), "the fall is found"
+        )
+        assert all(each.state is not EventState.WITHDRAWN for each in recorder.live_events)
+        assert recorder.recording
+
+
+STARTS = {
+    "from standard input": ([sys.executable, "-"], "record()"),
+    "from the command line": ([sys.executable, "-c"], "record()"),
+    "spawned": (
+        [sys.executable, "FILE"],
+        "if __name__ == '__main__':\n"
+        "    p = multiprocessing.get_context('spawn').Process(target=record); p.start(); p.join(60); exit(p.exitcode)",
+    ),
+    "forked": (
+        [sys.executable, "FILE"],
+        "record('first.mcap')\n"  # its process is idle then, and belongs to the parent
+        "p = multiprocessing.get_context('fork').Process(target=record); p.start(); p.join(60); exit(p.exitcode)",
+    ),
+}
+STARTED = """
+import multiprocessing, sys
+import mindstage as ms
+from mindstage.episodes import Recorder
+from mindstage.episodes.event_process import EventProcess
+def record(path="run.mcap"):
+    with ms.open(engine="null") as simulation, Recorder(simulation, path) as recorder:
+        simulation.step(0.5)
+    if recorder.error is not None:
+        raise recorder.error
+"""
+
+
+@pytest.mark.parametrize("name", STARTS)
+def test_events_are_detected_however_a_program_is_started(tmp_path: Path, name: str) -> None:
+    command, call = STARTS[name]
+    code = f"{STARTED}\n{call}\n"
+    (tmp_path / "program.py").write_text(code)
+    command = [str(tmp_path / "program.py") if each == "FILE" else each for each in command]
+    done = subprocess.run(
+        [*command, code] if command[-1] == "-c" else command,
+        input=code if command[-1] == "-" else None,
+        cwd=tmp_path, capture_output=True, text=True, timeout=100.0, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    with Episode(tmp_path / "run.mcap") as episode:
+        assert episode._final_events() is not None
 
 
 def test_what_cannot_be_attached_is_a_fault_and_the_states_are_recorded(
@@ -587,6 +773,40 @@ def test_a_killed_process_loses_little(tmp_path: Path) -> None:
         assert loss.end_s is None
         assert "interrupted" in loss.cause
         assert len(list(episode.frames())) > 20
+
+
+FORKED = """
+import os, sys, time
+from mindstage.episodes.event_process import EventProcess
+
+process = EventProcess(has_joints=False, has_contacts=False)
+fork = os.fork()  # it holds the pipes open
+if fork:
+    print(process._interpreter.process.pid, fork, flush=True)
+time.sleep(100)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it reads /proc")
+def test_the_process_that_detects_events_ends_with_a_killed_parent_although_a_fork_holds_its_pipes() -> None:
+    def runs(pid: int) -> bool:
+        try:
+            return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        except FileNotFoundError:
+            return False
+
+    parent = subprocess.Popen([sys.executable, "-c", FORKED], stdout=subprocess.PIPE, text=True, env=os.environ)
+    assert parent.stdout is not None
+    detecting, fork = map(int, parent.stdout.readline().split())
+    try:
+        assert runs(detecting)
+        parent.kill()
+        parent.wait(10.0)
+        wait_until(lambda: not runs(detecting), "the process that detects events ends", timeout_s=60.0)
+        assert runs(fork)
+    finally:
+        os.kill(fork, signal.SIGKILL)
+        parent.stdout.close()
 
 
 def test_a_folder_gets_one_recording_at_a_time(simulation: Simulation, tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
 from math import log
 
 import msgspec
@@ -9,13 +11,15 @@ import numpy as np
 import pytest
 from scipy.stats import binom, norm
 
+from mindstage.cli.evaluate import PlanTrial
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.errors import PlanError
-from mindstage.homes import generate_home
+from mindstage.errors import InvalidArgumentError, PlanError
+from mindstage.homes import generate_home, true_frictions, write_home
 from mindstage.imagination import Outcome, Plan, Push, Uncertainty, Wait, evaluate_plan, load_plan
-from mindstage.imagination.guesses import Guesses, GuessKind
+from mindstage.imagination.guesses import Guess, Guesses, GuessKind
+from mindstage.imagination.trials import parse_uncertainty
 from mindstage.knowledge import KnowledgeBase
-from mindstage.scene import Body, BodyId
+from mindstage.scene import Body, BodyId, World
 from mindstage.simulation import Simulation
 from tests.engines.scenes import body
 from tests.imagination.scenes import TABLE_HEIGHT_M, on_table
@@ -44,7 +48,7 @@ def pushed(box: Body, force_n: float, **options: object) -> tuple[float, object]
 def test_a_guessed_friction_decides_a_push_as_often_as_it_is_smaller() -> None:
     """The box slides if the push exceeds friction; much more than 1 cm within 0.4 s, but next to the limit."""
     for force_n in (4.0, 7.0):
-        expected = norm.cdf(log(force_n / (FRICTION * GRAVITY)) / GuessKind.FRICTION.spread)
+        expected = norm.cdf(log(force_n / (FRICTION * GRAVITY)) / Guess(GuessKind.FRICTION).spread)
         share, _ = pushed(HEAVY, force_n)
         low, high = binom.ppf([0.0005, 0.9995], 120, expected) / 120
         assert low - 0.04 <= share <= high, force_n
@@ -113,6 +117,20 @@ def test_guesses_are_given_as_a_word_wherever_uncertainty_is() -> None:
         evaluate_plan(sim, Plan(steps=(Wait(duration_s=0.1),)), uncertainty="gueses")  # type: ignore[arg-type]
 
 
+def test_words_of_an_uncertainty_are_divided_by_spaces_or_commas_and_numbers_by_commas() -> None:
+    stated = Uncertainty(thing="box", position_m=(0.01, 0.02, 0.0), mass=0.1)
+    for text in ("position_m=0.01,0.02,0 mass=0.1", "mass=0.1, position_m=0.01,0.02,0"):
+        assert parse_uncertainty("box", text) == (stated,)
+        assert parse_uncertainty("box", f"{text},guesses") == ("guesses", stated)
+    assert PlanTrial(uncertainty=["box position_m=0.01,0.02,0 mass=0.1", "guesses"]).arguments()["uncertainty"] == [
+        stated,
+        "guesses",
+    ]
+    for text in ("position_m=0.01,0.02", "position_m=0.01,,2", "mass=0.1,0.2", "mass=nan", "0.1"):
+        with pytest.raises(InvalidArgumentError, match="uncertainty"):
+            parse_uncertainty("box", text)
+
+
 def test_a_mass_that_is_stated_as_uncertain_is_no_guess() -> None:
     plan = Plan(steps=(Wait(duration_s=0.1),), uncertainty=("guesses", Uncertainty(thing="box", mass=0.01)))
     with on_table(UNKNOWN) as sim:
@@ -120,18 +138,63 @@ def test_a_mass_that_is_stated_as_uncertain_is_no_guess() -> None:
         assert Guesses.of(sim).masses == (BodyId("box"),)
 
 
-@pytest.mark.parametrize("style", ["kitchen", "office", "flat"])
-def test_nine_of_ten_true_masses_of_a_generated_home_are_within_the_spread(style: str) -> None:
-    home = generate_home(seed=11, style=style)
-    truth = {each.id: each.physics.mass_kg for each in home.bodies if each.physics.is_dynamic and each.physics.mass_kg}
+def test_nine_of_ten_true_values_of_generated_homes_are_within_the_spreads() -> None:
+    errors: dict[str, list[bool]] = {}
+    for seed, style in enumerate(("kitchen", "office", "flat", "kitchen", "lab", "shop"), start=11):
+        home = generate_home(seed=seed, style=style, rooms=1 if style == "flat" else None)
+        for what, guess, error in guess_errors(home):
+            is_within = abs(error) <= norm.ppf(0.95) * guess.spread
+            errors.setdefault(what, []).append(is_within)
+    assert {what: len(values) > 60 for what, values in errors.items()} == dict.fromkeys(
+        ("mass", "friction", "slide", "hinge"), True
+    )
+    for what, values in errors.items():
+        assert np.mean(values) >= 0.9, what
+
+
+def guess_errors(home: World) -> Iterator[tuple[str, Guess, float]]:
+    """The logarithms of true values relative to those of an engine that gets neither masses nor frictions."""
+    things, joints = true_frictions(home)
     bare = tuple(
         msgspec.structs.replace(each, physics=msgspec.structs.replace(each.physics, mass_kg=None))
         for each in home.bodies
     )
     with Simulation(KnowledgeBase(), MujocoEngine(), threaded=False) as sim:
         sim.spawn(msgspec.structs.replace(home, bodies=bare))
-        builder = sim.engine.run(lambda engine: engine._cache.builder)  # type: ignore[attr-defined]
-        guessed = {id: builder.mass_properties.mass(id, is_dynamic=True) for id in truth}
-        assert set(truth) <= set(Guesses.of(sim).masses)
-    errors = np.array([log(mass / guessed[id]) for id, mass in truth.items()])
-    assert np.mean(np.abs(errors) <= norm.ppf(0.95) * GuessKind.MASS.spread) >= 0.9
+        sim.step(0.01)
+        guesses = {(each.kind, each.body): each for each in Guesses.of(sim).all()}
+        cache = sim.engine.run(lambda engine: engine._cache)  # type: ignore[attr-defined]
+        models = [region.compiled for region in cache.regions]
+        for body in home.bodies:
+            if body.id in things:
+                mass = cache.builder.mass_properties.mass(body.id, is_dynamic=True)
+                yield "mass", guesses[GuessKind.MASS, body.id], log((body.physics.mass_kg or 0.0) / mass)
+                geometry = sim.geometry.get(body.id)
+                friction = 0.8 if geometry is None or geometry.friction is None else geometry.friction
+                yield "friction", guesses[GuessKind.FRICTION, None], log(things[body.id].coefficient / friction)
+        for joint in home.joints:
+            (guessed,) = (
+                float(each.model.dof_frictionloss[each.joints[joint.id].dof_address])
+                for each in models
+                if joint.id in each.joints
+            )
+            guess = guesses[GuessKind.JOINT_FRICTION, joint.child]
+            yield "hinge" if guess.is_hinge else "slide", guess, log(joints[joint.id] / guessed)
+
+
+def test_true_frictions_are_those_of_the_truth_file_and_differ_by_seed() -> None:
+    home, other = generate_home(seed=11), generate_home(seed=12)
+    things, joints = true_frictions(home)
+    truth = json.loads(write_home(home, dialect="semlog").truth)
+    stated = {each["id"]: (each["material"], each["friction"]) for each in truth["bodies"].values()}
+    assert {id: each for id, each in stated.items() if each[1] is not None} == {
+        id: (each.material, each.coefficient) for id, each in things.items()
+    }
+    assert {each["id"]: each["friction"] for each in truth["joints"].values()} == joints
+    assert true_frictions(home) == true_frictions(generate_home(seed=11))
+    assert len({each.coefficient for each in things.values()}) > 0.8 * len(things)
+    again = true_frictions(other)[0]
+    same = things.keys() & again.keys()
+    assert sum(things[id] == again[id] for id in same) < 0.2 * len(same)
+    assert all(0.18 <= each.coefficient <= 0.75 for each in things.values())
+    assert {each.material for each in things.values()} >= {"metal", "ceramics", "paper", "plastic"}

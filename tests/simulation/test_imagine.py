@@ -212,6 +212,17 @@ class TestCommit:
         assert diff(before, sim.snapshot()).identical(0.0)
         assert state_bits(sim) == bits
 
+    def test_an_error_names_what_an_engine_without_saved_states_cannot_undo(self) -> None:
+        with Simulation(KnowledgeBase(), SlowEngine()) as sim:
+            sim.spawn(kitchenette())
+            with sim.fork() as copy:
+                copy.joint("Drawer").open(0.3)
+                copy.edits.move(MUG, Pose((0.5, -2.0, 1.0)))
+                copy.step(1.0)
+                copy.edits.attach("Fridge", "Mug")
+                with pytest.raises(CommitError, match=r"\(what cannot be undone was: .*Drawer.*\)"):
+                    copy.commit()
+
     def test_what_time_has_moved_in_the_copy_is_not_attached_elsewhere(self, sim: Simulation) -> None:
         before = sim.snapshot()
         with sim.fork() as copy:

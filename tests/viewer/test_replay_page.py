@@ -13,7 +13,8 @@ from mindstage.episodes import EpisodeEvent, EpisodeEventKind, FrameRecording
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError, InvalidArgumentError, UnsupportedByEngineError
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Pose
+from mindstage.scene.edits import SetPoses
 from mindstage.viewer import Viewer
 from mindstage.viewer.scene import BodyNodes
 from tests.episodes.kitchenette_recording import DRAWER, EVENTS, MUG, kitchenette_recording
@@ -259,12 +260,19 @@ def test_the_record_button_writes_an_episode_that_can_be_replayed(
             stop = other.page.get_by_role("button", name="Stop recording")
             wait_until(lambda: stop.is_visible() and stop.get_attribute("aria-pressed") == "true", "others see it too")
             tab.click_button("step")
+            lifted = SetPoses({MUG: Pose((0.0, 0.5, 1.5))})
+            simulation.engine.run(lambda engine: engine.apply(lifted), edits=True)
+            simulation.play()
+            events = other.page.locator("[data-role=live-events]")
+            wait_until(lambda: "Falling: Mug" in events.inner_text(), "events are shown while it is recorded")
+            simulation.pause()
             tab.select_in_tree("Mug")
             tab.page.locator("body").press("Delete")
             wait_until(lambda: MUG not in simulation.state.ids, "the mug is deleted")
             other.click_button("record")
             wait_until(lambda: other.shows_text("Replay it with: mindstage replay"), "the file is named")
             wait_until(button.is_visible, "another one can be recorded")
+            assert events.is_hidden()
         (path,) = tmp_path.glob("map-*.mcap")
         with Episode(path) as episode:
             assert MUG in episode.frame_at(episode.begin_s).ids

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -115,9 +115,19 @@ class PlanTrial(OptionGroup):
         """The arguments of `mindstage.imagination.evaluate_plan`.
 
         Raises:
-            InvalidArgumentError: an uncertainty is not valid.
+            InvalidArgumentError: an uncertainty has no standard deviations, an unknown one, or one that is no number.
         """
-        deviations = [text if text == "guesses" else deviations_of(text) for text in self.uncertainty or ()]
+        from mindstage.errors import InvalidArgumentError
+        from mindstage.imagination.plans import GUESSES
+        from mindstage.imagination.trials import parse_uncertainty
+
+        deviations: list[Uncertainty | Literal["guesses"]] = []
+        for text in self.uncertainty or ():
+            thing, *words = text.split(maxsplit=1)
+            if not words and thing != GUESSES:
+                cause = "it states no deviation"
+                raise InvalidArgumentError(f"--uncertainty {text!r}", cause=cause, remedy="add position_m=0.01")
+            deviations += parse_uncertainty(thing, words[0] if words else GUESSES)
         numbers = {"samples": self.samples, "seed": self.seed, "budget_s": self.budget, "workers": self.workers}
         return {"uncertainty": deviations, **numbers}
 
@@ -200,35 +210,6 @@ def _draw(simulation: Simulation, verdict: Verdict, path: Path, *, as_json: bool
     take_picture(simulation, Screenshot(), path, verdict=verdict)
     if not as_json:
         print_line(f"picture → {path}")
-
-
-def deviations_of(text: str) -> Uncertainty:
-    """The uncertainty of a text such as "Milk position_m=0.01".
-
-    Raises:
-        InvalidArgumentError: it has no standard deviations, an unknown one, or one that is not a number.
-    """
-    import msgspec
-
-    from mindstage.errors import InvalidArgumentError
-    from mindstage.imagination import Uncertainty
-
-    thing, *parts = text.split()
-    values: dict[str, Any] = {"thing": thing}
-    for part in parts:
-        name, _, value = part.partition("=")
-        numbers = value.split(",")
-        values[name] = numbers if len(numbers) > 1 else value
-    try:
-        found = msgspec.convert(values, Uncertainty, strict=False)
-    except msgspec.ValidationError as error:
-        names = ", ".join(Uncertainty.__struct_fields__[1:])
-        raise InvalidArgumentError(f"--uncertainty {text!r}", cause=str(error), remedy=f"give {names}") from error
-    if not parts:
-        raise InvalidArgumentError(
-            f"--uncertainty {text!r}", cause="it states no deviation", remedy="add one, such as position_m=0.01"
-        )
-    return found
 
 
 def _check(text: str | None, expected: list[str]) -> Check | None:

@@ -51,7 +51,10 @@ def home(
     truth: Annotated[
         Path | None,
         typer.Option(
-            "--truth", metavar="FILE", help="JSON of what the dialect hides: boxes, pivots, joints.", show_default=False
+            "--truth",
+            metavar="FILE",
+            help="JSON of what the dialect hides: boxes, pivots, joints, frictions.",
+            show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
@@ -79,7 +82,7 @@ def _check_files(out: Path, dialect: HomeDialect | None, truth: Path | None) -> 
     from mindstage.errors import InvalidArgumentError
 
     if truth is not None and dialect is None:
-        cause = "a map in Mindstage's own dialect hides nothing"
+        cause = "it is written beside a map of another dialect"
         raise InvalidArgumentError("--truth", cause=cause, remedy="omit it, or name a --dialect")
     if dialect is not None and out.suffix not in _XML_SUFFIXES:
         remedy = f"end its name with {', '.join(_XML_SUFFIXES)}"

@@ -27,6 +27,7 @@ from mindstage.cli.output import (
     print_line,
     print_reasons,
     print_table,
+    progress_bar,
     progress_spinner,
     step_with_progress,
 )
@@ -113,8 +114,8 @@ def record(
                 step_with_progress(simulation, seconds)
             else:
                 _play_until_interrupted(simulation, recorder, quiet=as_json)
-            with progress_spinner("writing"):  # the last frames, and the events that the whole recording shows
-                ending.close()
+            with progress_bar("writing") as done:  # the last frames, and the events that the whole recording shows
+                recorder.stop(progress=done)
         seconds, frames, size = recorder.time_s, recorder.frames, out.stat().st_size
         fault = None if recorder.error is None else str(recorder.error)
         if as_json:

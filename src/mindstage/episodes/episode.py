@@ -24,14 +24,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from mindstage.engines import make_engine
-from mindstage.engines.base import Contact, PoseArray
 from mindstage.episodes.detection import detect_events
 from mindstage.episodes.geometry_file import decode_geometry
 from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFile, EpisodeLoss, FileChunk, StoredMessage
 from mindstage.episodes.messages import ChunkHead, EpisodeDecoder, EpisodeTopic, WorldRecord
 from mindstage.episodes.recorder import FINAL_EVENTS, EpisodeHeader
-from mindstage.episodes.recording import FAULT_EDIT, DriveState, EpisodeEdit, EpisodeEvent, EpisodeFrame, EventState
-from mindstage.episodes.structure import WorldStructure
+from mindstage.episodes.recording import FAULT_EDIT, EpisodeEdit, EpisodeEvent, EpisodeFrame, EventState
+from mindstage.episodes.structure import EpisodeState, WorldStructure
 from mindstage.errors import EpisodeFileError, EpisodeTimeError, without_surrogates
 from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.questions import WorldState
@@ -46,80 +45,6 @@ _KEPT_CHUNKS = 8
 _KEPT_BASES = 4
 _RESUME_TIMEOUT_S = 120.0
 _log = logging.getLogger("mindstage.episodes")
-
-
-class _State:
-    """The state of all bodies while a chunk is read."""
-
-    def __init__(self, structure: WorldStructure) -> None:
-        self.structure = structure
-        self.poses: PoseArray = np.full((len(structure.ids), 7), np.nan)
-        self.joints: dict[BodyId, tuple[float, ...]] = {}
-        self.contacts: tuple[Contact, ...] = ()
-        self.drives: Mapping[str, DriveState] = {}
-        """Replaced, and never changed."""
-
-    def copy(self) -> _State:
-        copy = _State(self.structure)
-        copy.poses, copy.joints, copy.contacts = self.poses.copy(), dict(self.joints), self.contacts
-        copy.drives = self.drives
-        return copy
-
-    def use(self, structure: WorldStructure) -> None:
-        """Continues with another structure; bodies that it does not have are dropped."""
-        before, self.structure = self.structure, structure
-        if structure.ids != before.ids:
-            poses = np.full((len(structure.ids), 7), np.nan)
-            for row, id in enumerate(structure.ids):
-                if id in before.rows:
-                    poses[row] = self.poses[before.rows[id]]
-            self.poses = poses
-        self.joints = {id: values for id, values in self.joints.items() if id in structure.joint_names}
-        if not self.drives.keys() <= structure.joint_names.keys():
-            self.drives = {id: each for id, each in self.drives.items() if id in structure.joint_names}
-
-    def apply(self, message: StoredMessage) -> None:
-        """Applies the message of one topic.
-
-        Raises:
-            ValueError: it is not valid, or about a body that does not exist.
-        """
-        match message.topic:
-            case EpisodeTopic.WORLD:
-                record = EpisodeDecoder.world(message.data)
-                if record.complete:
-                    self.use(WorldStructure.from_record(record))
-                else:
-                    self.use(self.structure.after(record))
-            case EpisodeTopic.TF | EpisodeTopic.TF_STATIC:
-                ids, poses = EpisodeDecoder.transforms(message.data)
-                rows = self.structure.rows
-                try:
-                    self.poses[[rows[id] for id in ids]] = poses
-                except KeyError as error:
-                    raise ValueError(f"a pose of {error.args[0]!r}, which does not exist") from error
-            case EpisodeTopic.JOINTS:
-                self._apply_joints(EpisodeDecoder.joints(message.data))
-            case EpisodeTopic.DRIVES:
-                self.drives = {**self.drives, **EpisodeDecoder.drives(message.data)}
-            case EpisodeTopic.CONTACTS:
-                self.contacts = EpisodeDecoder.contacts(message.data)
-            case _:
-                pass
-
-    def _apply_joints(self, named: Mapping[str, float]) -> None:
-        axes = self.structure.joint_axes
-        changed: dict[BodyId, list[float]] = {}
-        for name, value in named.items():
-            if name not in axes:
-                raise ValueError(f"a position of {name!r}, which does not exist")
-            id, axis = axes[name]
-            changed.setdefault(id, list(self.joints.get(id, (0.0,) * 6)))[axis] = value
-        for id, values in changed.items():
-            if any(map(math.isnan, values)):
-                self.joints.pop(id, None)
-            else:
-                self.joints[id] = tuple(values)
 
 
 class _ReadChunk(NamedTuple):
@@ -151,7 +76,7 @@ class Episode:
         self._events_lock = RLock()
         self._file = EpisodeFile(self.path)
         self._chunks: OrderedDict[int, _ReadChunk] = OrderedDict()
-        self._bases: OrderedDict[int, _State] = OrderedDict()
+        self._bases: OrderedDict[int, EpisodeState] = OrderedDict()
         self._structures: dict[int, WorldStructure] = {}
         self._closed = False
         try:
@@ -451,8 +376,10 @@ class Episode:
 
     def faults(self) -> tuple[str, ...]:
         """What is derived from the recording and could not be made, such as events at some time, and why."""
-        edits = (edit for edit in self.edits() if edit.kind == FAULT_EDIT)
-        return tuple(f"{edit.details['part']}: {edit.details['cause']}" for edit in edits)
+        return tuple(f"{edit.details['part']}: {edit.details['cause']}" for edit in self._faults())
+
+    def _faults(self) -> Iterator[EpisodeEdit]:
+        return (edit for edit in self.edits() if edit.kind == FAULT_EDIT)
 
     def events(self) -> tuple[EpisodeEvent, ...]:
         """All events, in the order of their begin; those of a recording without events are detected now, once.
@@ -468,9 +395,12 @@ class Episode:
             return detect_events(self)
         with self._lock:
             found = {event.id: event for chunk in self._readable(EpisodeTopic.EVENTS) for event in chunk.events}
-            if (final := self._final_events()) is not None:
-                stated = {id: event for id, event in found.items() if event.state is EventState.FINAL}
-                found = stated | {event.id: event for event in final}
+            final = self._final_events()
+        if final is None and any(edit.details["part"] == "events" for edit in self._faults()):
+            return detect_events(self)  # the recording went on without their detection
+        if final is not None:
+            stated = {id: event for id, event in found.items() if event.state is EventState.FINAL}
+            found = stated | {event.id: event for event in final}
         events = (event for event in found.values() if event.state is not EventState.WITHDRAWN)
         return tuple(sorted(events, key=lambda event: event.begin_s))
 
@@ -522,19 +452,25 @@ class Episode:
         frames: list[EpisodeFrame] = []
         edits: list[EpisodeEdit] = []
         events: list[EpisodeEvent] = []
-        joints: Mapping[BodyId, tuple[float, ...]] = MappingProxyType(dict(state.joints))
         for message in messages[head.repeated :]:
             match message.topic:
                 case EpisodeTopic.CLOCK:
-                    frames.append(self._frame(state, message.time_ns, joints))
+                    if not np.isfinite(state.poses).all():
+                        raise ValueError("a body has no pose")
+                    frames.append(
+                        state.frame(
+                            message.time_ns,
+                            has_joints=self.header.has_joints,
+                            has_contacts=self.header.has_contacts,
+                        )
+                    )
                 case EpisodeTopic.EDITS:
                     edits.append(EpisodeDecoder.edit(message.data))
                 case EpisodeTopic.EVENTS:
                     events.append(EpisodeDecoder.event(message.data))
                 case topic:
-                    state.apply(message)
-                    if topic in {EpisodeTopic.JOINTS, EpisodeTopic.WORLD}:
-                        joints = MappingProxyType(dict(state.joints))
+                    state.apply(topic, message.data)
+                    if topic is EpisodeTopic.WORLD:
                         structures[state.structure.number] = self._kept(state.structure)
                         state.structure = structures[state.structure.number]
         times = tuple(frame.time_s for frame in frames)
@@ -542,39 +478,25 @@ class Episode:
             raise ValueError("its times decrease")
         return _ReadChunk(tuple(frames), times, tuple(edits), tuple(events), structures)
 
-    def _frame(self, state: _State, time_ns: int, joints: Mapping[BodyId, tuple[float, ...]]) -> EpisodeFrame:
-        if not np.isfinite(state.poses).all():
-            raise ValueError("a body has no pose")
-        return EpisodeFrame(
-            time_s=time_ns / 1e9,
-            structure=state.structure.world,
-            ids=state.structure.ids,
-            poses=state.poses.copy(),
-            joint_positions=joints if self.header.has_joints else None,
-            contacts=state.contacts if self.header.has_contacts else None,
-            drives=state.drives,
-            unmoved_poses=state.structure.unmoved_poses,
-        )
-
     def _kept(self, structure: WorldStructure) -> WorldStructure:
         """The one object for a structure."""
         return self._structures.setdefault(structure.number, structure)
 
-    def _state_before(self, head: ChunkHead, messages: list[StoredMessage]) -> _State:
+    def _state_before(self, head: ChunkHead, messages: list[StoredMessage]) -> EpisodeState:
         """The state at the begin of a chunk."""
         repeated = messages[: head.repeated]
         structure = self._structure(head, repeated)
         if head.base == head.number:
-            state = _State(structure)
+            state = EpisodeState(structure)
         else:
             state = self._base(head.base).copy()
             state.use(structure)
         for message in repeated:
             if message.topic is not EpisodeTopic.WORLD:
-                state.apply(message)
+                state.apply(message.topic, message.data)
         return state
 
-    def _base(self, number: int) -> _State:
+    def _base(self, number: int) -> EpisodeState:
         """The state that chunks are relative to, from the chunk with that number or the one after it."""
         if number not in self._bases:
             try:

@@ -1,13 +1,13 @@
 """The topics of an episode file, and its messages in CDR, the encoding of ROS 2.
 
-All topics have ROS message types, so that rosbags, `ros2 bag` and Foxglove read a file without Mindstage. Transforms,
-joint positions and contacts are encoded with templates: for the same bodies only the numbers are replaced.
+All topics have ROS message types, so that rosbags, `ros2 bag` and Foxglove read a file without Mindstage. The names in
+transforms and contacts are encoded once, and put between blocks of numbers.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from functools import cache
 from importlib.resources import files
@@ -20,7 +20,6 @@ import numpy as np
 from mindstage.engines.base import Contact, PoseArray
 from mindstage.episodes.recording import DriveState, EpisodeEdit, EpisodeEvent, EpisodeEventKind, EventState
 from mindstage.scene import Body, BodyId, PrimitiveType, Vector
-from mindstage.scene.transforms import Array
 
 __all__ = [
     "AXIS_NAMES",
@@ -39,8 +38,8 @@ ROOT_FRAME = "world"
 """The frame in which all poses are given."""
 _HEADER = b"\x00\x01\x00\x00"
 """The encapsulation of CDR with little-endian numbers; alignment is counted from its end."""
-_MAX_LAYOUTS = 256
-"""The number of templates that are kept for each topic."""
+_MAX_TEXTS = 1 << 16
+"""The number of encoded names that are kept."""
 _DEFAULT_COLOR = (0.7, 0.7, 0.7)
 _DEFAULT_SIZE_M = 0.05
 _CUBE, _SPHERE, _CYLINDER, _ADD, _DELETE_ALL = 1, 2, 3, 0, 3
@@ -230,123 +229,80 @@ class _CdrReader:
         return seconds * 1_000_000_000 + self.number("I")
 
 
-class _Layout:
-    """The template of a message: everything but its times and 64-bit floats."""
-
-    def __init__(self, writer: _CdrWriter, *, stamps: Sequence[int], floats: Sequence[int], width: int) -> None:
-        """Takes the positions of times, and of blocks of `width` floats, in the body of a message."""
-        size = len(writer.data)
-        self._size = size
-        self._template = np.frombuffer(bytes(writer.data) + bytes(-size % 8), dtype=np.uint8)
-        self._stamps = np.array(stamps, dtype=np.intp) // 4
-        starts = np.array(floats, dtype=np.intp) // 8
-        self._floats = starts[:, None] + np.arange(width)
-
-    def encode(self, time_ns: int, values: Array) -> bytes:
-        body = self._template.copy()
-        words = body.view("<u4")
-        words[self._stamps] = time_ns // 1_000_000_000
-        words[self._stamps + 1] = time_ns % 1_000_000_000
-        body.view("<f8")[self._floats] = values
-        return _HEADER + body[: self._size].tobytes()
+def _stamp(time_ns: int) -> bytes:
+    return struct.pack("<iI", time_ns // 1_000_000_000, time_ns % 1_000_000_000)
 
 
-def _transform_layout(ids: Sequence[str]) -> _Layout:
-    writer, stamps, floats = _CdrWriter(), [], []
-    writer.numbers("I", len(ids))
-    for id in ids:
-        writer.align(4)
-        stamps.append(len(writer.data))
-        writer.stamp(0)
-        writer.string(ROOT_FRAME)
-        writer.string(id)
-        writer.align(8)
-        floats.append(len(writer.data))
-        writer.numbers("d", *[0.0] * 7)
-    return _Layout(writer, stamps=stamps, floats=floats, width=7)
-
-
-def _joint_layout(names: Sequence[str]) -> _Layout:
-    writer = _CdrWriter()
-    writer.stamp(0)
-    writer.string("")
-    writer.strings(names)
-    writer.numbers("I", len(names))
-    writer.align(8)
-    start = len(writer.data)
-    writer.numbers("d", *[0.0] * len(names))
-    writer.numbers("I", 0, 0)
-    return _Layout(writer, stamps=[0], floats=[start], width=len(names))
-
-
-def _drive_layout(names: Sequence[str]) -> _Layout:
-    writer, starts = _CdrWriter(), []
-    writer.stamp(0)
-    writer.string("")
-    writer.strings(names)
-    for _ in DriveState._fields:
-        writer.numbers("I", len(names))
-        writer.align(8)
-        starts.append(len(writer.data))
-        writer.numbers("d", *[0.0] * len(names))
-    return _Layout(writer, stamps=[0], floats=starts, width=len(names))
-
-
-def _contact_layout(pairs: Sequence[tuple[str, str]]) -> _Layout:
-    writer, floats = _CdrWriter(), []
-    writer.stamp(0)
-    writer.numbers("I", len(pairs))
-    for pair in pairs:
-        for id in pair:
-            writer.string(id)
-        writer.align(8)
-        floats.append(len(writer.data))
-        writer.numbers("d", *[0.0] * 8)
-    return _Layout(writer, stamps=[0], floats=floats, width=8)
-
-
+_CONTACT = struct.Struct("<8d")
 _TF_ORDER = np.array([0, 1, 2, 4, 5, 6, 3])
 """From x y z, w x y z to x y z, x y z w."""
+_POSE_ORDER = np.array([0, 1, 2, 6, 3, 4, 5])
+"""The other way round."""
+_read_count = struct.Struct("<I").unpack_from
 
 
 class EpisodeEncoder:
     """Encodes the messages of an episode; times are nanoseconds since its begin."""
 
     def __init__(self) -> None:
-        self._layouts: dict[tuple[Callable[..., _Layout], tuple[object, ...]], _Layout] = {}
+        self._texts: dict[tuple[int, tuple[str, ...]], bytes] = {}
 
-    def _layout(self, make: Callable[..., _Layout], key: tuple[object, ...]) -> _Layout:
-        layout = self._layouts.get((make, key))
-        if layout is None:
-            if len(self._layouts) >= _MAX_LAYOUTS:
-                self._layouts.clear()
-            layout = self._layouts[make, key] = make(key)
-        return layout
+    def _strings(self, start: int, *texts: str) -> bytes:
+        """Strings that begin at a position modulo 8, filled up to a multiple of 8."""
+        known = self._texts.get((start, texts))
+        if known is None:
+            if len(self._texts) >= _MAX_TEXTS:
+                self._texts.clear()
+            writer = _CdrWriter()
+            writer.data += bytes(start)
+            for text in texts:
+                writer.string(text)
+            writer.align(8)
+            known = self._texts[start, texts] = bytes(writer.data[start:])
+        return known
 
     def transforms(self, time_ns: int, ids: Sequence[BodyId], poses: PoseArray) -> bytes:
         """A `tf2_msgs/TFMessage` with the poses of at least one body, n x 7."""
-        return self._layout(_transform_layout, tuple(ids)).encode(time_ns, poses[:, _TF_ORDER])
+        stamp, numbers = _stamp(time_ns), poses[:, _TF_ORDER].tobytes()
+        pieces, start = [_HEADER, struct.pack("<I", len(ids))], 4
+        for row, id in enumerate(ids):
+            pieces += (stamp, self._strings(start, ROOT_FRAME, id), numbers[56 * row : 56 * row + 56])
+            start = 0
+        return b"".join(pieces)
 
     def joints(self, time_ns: int, positions: Mapping[str, float]) -> bytes:
         """A `sensor_msgs/JointState`."""
-        layout = self._layout(_joint_layout, tuple(positions))
-        return layout.encode(time_ns, np.array(list(positions.values()), dtype=float)[None, :])
+        return self._joint_state(time_ns, list(positions), [list(positions.values()), (), ()])
 
     def drives(self, time_ns: int, states: Mapping[str, DriveState]) -> bytes:
         """A `sensor_msgs/JointState` with the states of at least one joint of a robot."""
-        layout = self._layout(_drive_layout, tuple(states))
-        return layout.encode(time_ns, np.array(list(states.values()), dtype=float).T)
+        return self._joint_state(time_ns, list(states), list(zip(*states.values(), strict=True)))
+
+    @staticmethod
+    def _joint_state(time_ns: int, names: Sequence[str], columns: Sequence[Sequence[float]]) -> bytes:
+        writer = _CdrWriter()
+        writer.stamp(time_ns)
+        writer.string("")
+        writer.strings(names)
+        for column in columns:
+            writer.numbers("I", len(column))
+            if column:
+                writer.numbers("d", *column)
+        return writer.message()
 
     def contacts(self, time_ns: int, contacts: Sequence[Contact]) -> bytes:
         """A `mindstage_msgs/EpisodeContacts`."""
-        layout = self._layout(_contact_layout, tuple((each.a, each.b or "") for each in contacts))
-        rows = [(*each.position, *each.normal, each.force_n, each.depth_m) for each in contacts]
-        return layout.encode(time_ns, np.array(rows, dtype=float).reshape(-1, 8))
+        pieces, start = [_HEADER, _stamp(time_ns), struct.pack("<I", len(contacts))], 4
+        for each in contacts:
+            numbers = _CONTACT.pack(*each.position, *each.normal, each.force_n, each.depth_m)
+            pieces += (self._strings(start, each.a, each.b or ""), numbers)
+            start = 0
+        return b"".join(pieces)
 
     @staticmethod
     def clock(time_ns: int) -> bytes:
         """A `rosgraph_msgs/Clock`."""
-        return _HEADER + struct.pack("<iI", time_ns // 1_000_000_000, time_ns % 1_000_000_000)
+        return _HEADER + _stamp(time_ns)
 
     @staticmethod
     def chunk(head: ChunkHead) -> bytes:
@@ -444,15 +400,26 @@ class EpisodeDecoder:
     @staticmethod
     def transforms(data: bytes) -> tuple[list[BodyId], PoseArray]:
         """The bodies of a `tf2_msgs/TFMessage`, and their poses, n x 7."""
-        reader = _CdrReader(data)
-        ids, rows = [], []
-        for _ in range(reader.number("I")):
-            reader.stamp()
-            reader.string()
-            ids.append(BodyId(reader.string()))
-            x, y, z, i, j, k, w = reader.floats(7)
-            rows.append((x, y, z, w, i, j, k))
-        return ids, np.array(rows, dtype=float).reshape(-1, 7)
+        if data[:4] != _HEADER:
+            raise ValueError("a message is not little-endian CDR")
+        ids, starts, at = [], [], 8
+        try:
+            for _ in range(_read_count(data, 4)[0]):
+                at += 8  # the time
+                at += 4 + _read_count(data, at)[0] + 3 & ~3  # the frame
+                first = at + 4
+                at = first + _read_count(data, at)[0]
+                ids.append(BodyId(data[first : at - 1].decode()))
+                at += 4 - at & 7  # numbers are aligned in what follows the encapsulation of 4 bytes
+                starts.append(at)
+                at += 56
+        except struct.error as error:
+            raise ValueError("a message ends too early") from error
+        if at > len(data) or not all(ids):
+            raise ValueError("a message ends too early")
+        numbers = np.frombuffer(data, dtype="<f8", count=(len(data) - 4) // 8, offset=4)
+        poses: PoseArray = numbers[np.array(starts, dtype=np.intp)[:, None] // 8 + _POSE_ORDER].astype(float)
+        return ids, poses
 
     @staticmethod
     def joints(data: bytes) -> dict[str, float]:

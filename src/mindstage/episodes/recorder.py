@@ -2,11 +2,12 @@
 
 The engine thread only takes references to the published arrays, at the rate of the recording and after each edit; a
 thread of the recorder finds what has changed, and writes it. What is older than a second is on the disk. Events are
-detected in another thread: states are recorded whatever happens there.
+detected in another process: states are recorded whatever happens there.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import logging
 import os
@@ -14,11 +15,11 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from queue import SimpleQueue
-from threading import Event, Lock, Thread
+from threading import Event, Lock, Thread, get_ident
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
@@ -28,7 +29,7 @@ from numpy.typing import NDArray
 
 from mindstage.assets.gltf import world_to_glb
 from mindstage.engines.base import Capability, Contact, Engine, PoseArray
-from mindstage.episodes.detection import EventDetector
+from mindstage.episodes.event_process import DetectionFaultReply, EventProcess, EventsReply
 from mindstage.episodes.geometry_file import encode_geometry
 from mindstage.episodes.mcap_file import FORMAT_VERSION, EpisodeFileWriter
 from mindstage.episodes.messages import ChunkHead, EpisodeEncoder, EpisodeTopic
@@ -39,6 +40,7 @@ from mindstage.episodes.recording import (
     EpisodeEvent,
     EpisodeEventKind,
     EpisodeFrame,
+    EventState,
     Recording,
 )
 from mindstage.episodes.structure import WorldStructure
@@ -67,12 +69,16 @@ _BASE_S = 30.0
 _MAX_RATE_HZ = 1000.0
 FINAL_EVENTS = "events.json.zst"
 """The attachment with the final events."""
-_MAX_RESTING_FRAMES = 30
-"""Frames without any change after which no more are searched for events until something moves."""
 _STOP_TIMEOUT_S = 60.0
 """Wall time without any progress after which it is an error that a file is not finished [s]."""
-_WAIT_S = 1.0
+_WAIT_S = 0.5
 """Wall time between two looks at the progress [s]."""
+_LATE_S = 5.0
+"""Wall time after which it is a warning that a frame has not been searched for events [s]."""
+_SILENT_S = 10.0
+"""Wall time without a reply of the detection of events after which a file is flushed without its last events [s]."""
+_MAX_LIVE_EVENTS = 50
+"""The number of events that are kept for whoever looks at the recording."""
 _DRIVE_DIGITS = (7, 5, 3)
 """Digits after the point of positions, velocities and efforts, so that a robot at rest is written once."""
 _NONE: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
@@ -191,14 +197,13 @@ class Recorder:
         """The skills that are being performed."""
         self._performed = 0
         header = self._header(rate_hz, has_events=events)
-        self._detection = _DetectionThread(self._pending.append, self._on_fault) if events else None
-        self._writer = _EpisodeWriter(
-            EpisodeFileWriter(self.path, is_self_contained=self_contained),
-            header,
-            simulation.knowledge,
-            on_fault=self._on_fault,
-            detection=self._detection,
-        )
+        self._flushing: deque[tuple[Event, int]] = deque()
+        """Each is set when the events of as many frames are written."""
+        self._is_late = False
+        self._live: dict[str, EpisodeEvent] = {}
+        self._cpu_clock: int | None = None
+        """The clock of the processor time of the writing thread."""
+        self._detection, self._writer = self._open(header, self_contained=self_contained)
         self._thread = Thread(target=self._write, name="mindstage-recorder", daemon=True)
         self._thread.start()
         self._remove = simulation.observers.add(self)
@@ -210,6 +215,14 @@ class Recorder:
             raise
         simulation.on_close(self.stop)
         simulation.observers.recorder = self
+
+    def _open(self, header: EpisodeHeader, *, self_contained: bool) -> tuple[EventProcess | None, _EpisodeWriter]:
+        file = EpisodeFileWriter(self.path, is_self_contained=self_contained)
+        detection = (
+            EventProcess(has_joints=header.has_joints, has_contacts=header.has_contacts) if header.has_events else None
+        )
+        knowledge = self._simulation.knowledge
+        return detection, _EpisodeWriter(file, header, knowledge, on_fault=self._on_fault, detection=detection)
 
     def _header(self, rate_hz: float, *, has_events: bool) -> EpisodeHeader:
         return EpisodeHeader(
@@ -251,11 +264,26 @@ class Recorder:
         """The time since the begin of the episode [s]."""
         return self._last.time_ns / 1e9 if self._last else 0.0
 
-    def stop(self) -> None:
+    @property
+    def live_events(self) -> tuple[EpisodeEvent, ...]:
+        """The last events that were found, at most 50, each as it is now; provisional, and without withdrawn ones."""
+        return tuple(self._live.values())
+
+    @property
+    def events_delay_s(self) -> float:
+        """For how long the oldest frame that has not been searched for events is waiting for that, in wall time [s]."""
+        return 0.0 if self._detection is None else self._detection.delay_s
+
+    def stop(self, *, progress: Callable[[float], None] | None = None) -> None:
         """Records the last state and finishes the file; may be called repeatedly.
 
+        It takes as long as there is something to write and events to be found.
+
+        Args:
+            progress: called with the part that is done, from 0 to 1, while it waits.
+
         Raises:
-            EpisodeError: the file could not be written, for the stated reason.
+            EpisodeError: the file could not be written, for the stated reason, or nothing was done for a minute.
         """
         if not self._stopped:
             try:
@@ -266,7 +294,7 @@ class Recorder:
             self._stopped = True
             self._remove()
             self._end()
-        if not self._await(self._has_ended_within):
+        if not self._await(self._has_ended_within, progress):
             raise EpisodeFileError(str(self.path), cause=f"nothing was written for {_STOP_TIMEOUT_S:g} s")
         if self._error is not None and not self._raised:
             self._raised = True
@@ -274,19 +302,18 @@ class Recorder:
             raise self.error
 
     def flush(self) -> None:
-        """Writes everything that was recorded so far, so that the file can be read.
+        """Writes everything that was recorded so far, with its events, so that the file can be read.
+
+        Events are missing if their detection has not replied for 10 s.
 
         Raises:
             EpisodeFileError: it was not written in time.
         """
-        for _ in range(2):  # the events of what is written first are written, too
-            written = Event()
-            self._pending.append(written)
-            self._wake.set()
-            if not self._await(partial(self._is_written_within, written)):
-                raise EpisodeFileError(str(self.path), cause=f"nothing was written for {_STOP_TIMEOUT_S:g} s")
-            if self._detection is not None:
-                self._await(self._detection.wait)
+        written = Event()
+        self._pending.append(written)
+        self._wake.set()
+        if not self._await(partial(self._is_written_within, written)):
+            raise EpisodeFileError(str(self.path), cause=f"nothing was written for {_STOP_TIMEOUT_S:g} s")
 
     def _is_written_within(self, written: Event, timeout_s: float) -> bool:
         return written.wait(timeout_s) or not self.recording
@@ -295,16 +322,29 @@ class Recorder:
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
-    def _await(self, is_done: Callable[[float], bool]) -> bool:
-        """Waits in steps of some time [s] until something is done; gives up if nothing is written for long."""
-        progress, since_s = self._progress, time.monotonic()
+    def _await(self, is_done: Callable[[float], bool], progress: Callable[[float], None] | None = None) -> bool:
+        """Waits in steps of some time [s] until something is done; gives up if nothing is done for long."""
+        seen, since_s, most = self._progress_so_far(), time.monotonic(), 1
         while not is_done(_WAIT_S):
-            seen = self._progress + (self._detection.frames if self._detection is not None else 0)
-            if seen != progress:
-                progress, since_s = seen, time.monotonic()
+            waiting = len(self._pending) + self._writer.waiting_jobs
+            waiting += 0 if self._detection is None else self._detection.waiting_frames
+            most = max(most, waiting)
+            if progress is not None:
+                progress(1.0 - waiting / most)
+            now = self._progress_so_far()
+            if now != seen:
+                seen, since_s = now, time.monotonic()
             elif time.monotonic() - since_s >= _STOP_TIMEOUT_S:
                 return False
         return True
+
+    def _progress_so_far(self) -> tuple[int, float]:
+        """What differs when the writing thread, or the detection of events, has done something in the meantime."""
+        cpu_s = 0.0
+        if self._cpu_clock is not None:
+            with suppress(OSError):  # the thread has ended
+                cpu_s = round(time.clock_gettime(self._cpu_clock), 1)
+        return self._progress, cpu_s
 
     def _on_fault(self, part: str, cause: str) -> None:
         """Notes that something that is derived from the recording could not be made; called in any thread."""
@@ -492,26 +532,27 @@ class Recorder:
     # -- in the thread that writes -------------------------------------------------------------------------------------
 
     def _write(self) -> None:
+        if hasattr(time, "pthread_getcpuclockid"):
+            self._cpu_clock = time.pthread_getcpuclockid(get_ident())
         try:
             has_ended = False
             while not has_ended:
                 # the thread is not woken for each frame, which would interrupt the engine's thread
-                self._wake.wait(_POLL_S)
-                self._wake.clear()
+                if not self._flushing:
+                    self._wake.wait(_POLL_S)
+                    self._wake.clear()
                 has_ended = self._has_ended
                 for _ in range(len(self._pending)):
                     self._write_item(self._pending.popleft())
+                self._exchange(_POLL_S if self._flushing else 0.0)
                 self._writer.flush_if_due()
                 if self._writer.work():
                     self._wake.set()
-                self._progress += 1
+                self._end_flush()
             self._write_rest()
+            self._writer.work(all=True)
             self._writer.flush()
-            if self._detection is not None and not self._await(self._detection.finish):
-                self._on_fault("events", f"the detection has made no progress for {_STOP_TIMEOUT_S:g} s")
-            self._write_rest()
-            if self._detection is not None:
-                self._writer.add_final_events(self._detection.final_events)
+            self._finish_detection()
             self._writer.finish()
             self._write_rest()  # faults of what is written at the end
             self._writer.close()
@@ -519,6 +560,9 @@ class Recorder:
             self._error = self._error or error
             _log.exception("recording of %s failed", self.path)
             self._writer.abort()
+        finally:
+            if self._detection is not None:
+                self._detection.kill()
 
     def _write_rest(self) -> None:
         while self._pending:
@@ -532,11 +576,68 @@ class Recorder:
             case EpisodeEdit():
                 self._writer.add_edit(item)
             case EpisodeEvent():
-                self._writer.add_events((item,))
+                self._add_events((item,))
             case Event():
                 self._writer.work(all=True)
-                self._writer.flush()
-                item.set()
+                detection = self._detection
+                self._flushing.append((item, 0 if detection is None else detection.frames + detection.waiting_frames))
+
+    def _end_flush(self) -> None:
+        """Writes what is wanted in the file, if its events are known."""
+        detection = self._detection
+        if detection is None or detection.has_ended or detection.silent_s > _SILENT_S:
+            frames = float("inf")
+        else:
+            frames = detection.frames
+        if not self._flushing or self._flushing[0][1] > frames:
+            return
+        for _ in range(len(self._pending)):  # faults that were found in the meantime
+            self._write_item(self._pending.popleft())
+        self._writer.flush()
+        while self._flushing and self._flushing[0][1] <= frames:
+            self._flushing.popleft()[0].set()
+
+    def _exchange(self, timeout_s: float) -> None:
+        """Passes frames on to the detection of events, and writes the events that it has found."""
+        if self._detection is None:
+            return
+        for reply in self._detection.exchange(timeout_s):
+            self._progress += 1
+            match reply:
+                case EventsReply():
+                    self._add_events(reply.events)
+                case DetectionFaultReply():
+                    self._on_fault("events", reply.cause)
+        is_late = self._detection.delay_s > _LATE_S
+        if is_late and not self._is_late:
+            _log.warning("%s: events are found %g s late or more", self.path, _LATE_S)
+        self._is_late = is_late
+
+    def _add_events(self, events: Sequence[EpisodeEvent]) -> None:
+        self._writer.add_events(events)
+        for event in events:
+            self._live.pop(event.id, None)
+            if event.state is not EventState.WITHDRAWN:
+                self._live[event.id] = event
+        while len(self._live) > _MAX_LIVE_EVENTS:
+            del self._live[next(iter(self._live))]
+
+    def _finish_detection(self) -> None:
+        """Waits until all events are found, and attaches them."""
+        if self._detection is None:
+            return
+        self._detection.finish()
+        progress, since_s = self._progress, time.monotonic()
+        while not self._detection.has_ended:
+            self._exchange(_POLL_S)
+            if self._progress != progress:
+                progress, since_s = self._progress, time.monotonic()
+            elif time.monotonic() - since_s >= _STOP_TIMEOUT_S:
+                self._detection.kill()
+                self._on_fault("events", f"their detection has made no progress for {_STOP_TIMEOUT_S:g} s")
+        self._exchange(0.0)
+        self._write_rest()
+        self._writer.add_final_events(self._detection.final_events)
 
 
 class RecordingFolder:
@@ -600,89 +701,6 @@ class RecordingFolder:
         return recorder.path
 
 
-class _DetectionThread:
-    """Detects events in frames, in a thread that ends when it is finished or the process ends."""
-
-    def __init__(self, on_event: Callable[[EpisodeEvent], object], on_fault: Callable[[str, str], object]) -> None:
-        """Starts the thread, in which the functions are called with an event, and with a part and a cause."""
-        self._on_event, self._on_fault = on_event, on_fault
-        self._geometry: dict[BodyId, BodyGeometry] = {}
-        """The geometry of all bodies so far."""
-        self.frames = 0
-        """The number of frames that are done."""
-        self.final_events: tuple[EpisodeEvent, ...] | None = None
-        """All events, when it has ended; None before, and if it could not be ended."""
-        self._detector = EventDetector(geometry=self._geometry)
-        self._faults = 0
-        self._queue: SimpleQueue[GeometryMap | EpisodeFrame | Event | None] = SimpleQueue()
-        self._last: EpisodeFrame | None = None
-        self._skipped: EpisodeFrame | None = None
-        self._resting_frames = 0
-        self._thread = Thread(target=self._run, name="mindstage-events", daemon=True)
-        self._thread.start()
-
-    def add(self, frame: EpisodeFrame, *, has_moved: bool, geometry: GeometryMap | None) -> None:
-        """Takes a frame; long rests are left out, apart from their begin and their last frame."""
-        if geometry is not None:
-            self._queue.put(geometry)
-        before, self._last = self._last, frame
-        is_resting = (
-            before is not None
-            and not has_moved
-            and frame.contacts == before.contacts
-            and frame.structure is before.structure
-        )
-        self._resting_frames = self._resting_frames + 1 if is_resting else 0
-        if self._resting_frames > _MAX_RESTING_FRAMES:
-            self._skipped = frame
-            return
-        self._add_skipped()
-        self._queue.put(frame)
-
-    def _add_skipped(self) -> None:
-        if self._skipped is not None:
-            self._queue.put(self._skipped)
-            self._skipped = None
-
-    def wait(self, timeout_s: float) -> bool:
-        """Waits until all frames so far are done, for some time [s]; returns whether they are."""
-        done = Event()
-        self._queue.put(done)
-        return done.wait(timeout_s) or not self._thread.is_alive()
-
-    def finish(self, timeout_s: float) -> bool:
-        """Ends the detection; waits for that for some time [s], and returns whether it has ended."""
-        if self._last is not None:
-            self._add_skipped()
-            self._last = None
-            self._queue.put(None)
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
-
-    def _run(self) -> None:
-        try:
-            while (item := self._queue.get()) is not None:
-                match item:
-                    case EpisodeFrame():
-                        self._take(self._detector.update(item))
-                        self.frames += 1
-                    case Event():
-                        item.set()
-                    case _:
-                        self._geometry.update(item)
-            self._take(self._detector.finish())
-            self.final_events = self._detector.events
-        except Exception as error:  # such as one of memory
-            self._on_fault("events", f"the detection ended: {type(error).__name__}: {error}")
-
-    def _take(self, events: Iterable[EpisodeEvent]) -> None:
-        for event in events:
-            self._on_event(event)
-        for fault in self._detector.faults[self._faults :]:
-            self._on_fault("events", f"the detection failed at {fault.begin_s:g} s: {fault.cause}")
-        self._faults = len(self._detector.faults)
-
-
 class _EpisodeWriter:
     """Writes frames and edits to a file: only what has changed, and at the begin of each chunk what is needed."""
 
@@ -693,7 +711,7 @@ class _EpisodeWriter:
         knowledge: KnowledgeBase,
         *,
         on_fault: Callable[[str, str], object],
-        detection: _DetectionThread | None = None,
+        detection: EventProcess | None = None,
     ) -> None:
         self._file, self._header, self._knowledge = file, header, knowledge
         self._on_fault, self._detection = on_fault, detection
@@ -718,10 +736,16 @@ class _EpisodeWriter:
         self._changed_joints: set[BodyId] = set()
         self._knowledge_digest = b""
         self._jobs: deque[partial[None]] = deque()
+        self._geometry_jobs: deque[partial[None]] = deque()
+        """These are done first."""
         self._geometry_keys: set[str] = set()
         self._attached: dict[BodyId, BodyGeometry] = {}
         """That which is in the file."""
         self._geometry_files = 0
+        self._frame: list[tuple[EpisodeTopic, bytes]] = []
+        """The messages of the frame in progress."""
+        self._held_frames: list[tuple[int, list[tuple[EpisodeTopic, bytes]]]] = []
+        """Those that wait for geometry before they are searched for events."""
         self._open_since_s: float | None = None
         self._chunk_frames = 0
         self._chunk_bytes = 0
@@ -746,7 +770,18 @@ class _EpisodeWriter:
         self._chunk_bytes += len(data)
         self._file.add(topic, self._time_ns if time_ns is None else time_ns, data)
 
-    def _begin_chunk(self) -> None:
+    def _add_change(self, topic: EpisodeTopic, data: bytes) -> None:
+        """Adds a message of the frame in progress."""
+        self._add(topic, data)
+        self._frame.append((topic, data))
+
+    @property
+    def waiting_jobs(self) -> int:
+        """The number of attachments that are not written yet."""
+        return len(self._jobs) + len(self._geometry_jobs)
+
+    def _begin_chunk(self) -> list[tuple[EpisodeTopic, bytes]]:
+        """Begins a chunk, and returns the messages that repeat what was before."""
         assert self._structure is not None
         self._open_since_s, self._chunk_frames, self._chunk_bytes = time.monotonic(), 0, 0
         self._number += 1
@@ -767,6 +802,7 @@ class _EpisodeWriter:
         self._add(EpisodeTopic.CHUNKS, self._encode.chunk(head))
         for topic, data in repeated:
             self._add(topic, data)
+        return repeated
 
     def _whole_state(self) -> list[tuple[EpisodeTopic, bytes]]:
         structure, time_ns = self._structure, self._time_ns
@@ -835,7 +871,7 @@ class _EpisodeWriter:
         if len(moved):
             ids = [capture.ids[row] for row in moved.tolist()]
             self._changed_bodies.update(ids)
-            self._add(EpisodeTopic.TF, self._encode.transforms(time_ns, ids, capture.poses[moved]))
+            self._add_change(EpisodeTopic.TF, self._encode.transforms(time_ns, ids, capture.poses[moved]))
         self._poses = capture.poses
         if capture.joints is not None and capture.joints is not self._joints:
             before = self._joints
@@ -845,35 +881,32 @@ class _EpisodeWriter:
             if changed:
                 self._changed_joints.update(changed)
                 if named := self._named(changed):
-                    self._add(EpisodeTopic.JOINTS, self._encode.joints(time_ns, named))
+                    self._add_change(EpisodeTopic.JOINTS, self._encode.joints(time_ns, named))
             self._joints = capture.joints
         if capture.drives != self._drives:
             self._drives = capture.drives
             for topic, data in self._drive_messages():
-                self._add(topic, data)
+                self._add_change(topic, data)
         if capture.contacts is not None and capture.contacts != self._contacts:
             self._contacts = capture.contacts
-            self._add(EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts))
-        self._end_frame(capture)
+            self._add_change(EpisodeTopic.CONTACTS, self._encode.contacts(time_ns, self._contacts))
+        self._end_frame()
         self.flush_if_due()
 
-    def _end_frame(self, capture: _Capture) -> None:
+    def _end_frame(self) -> None:
         self._add(EpisodeTopic.CLOCK, self._encode.clock(self._time_ns))
         self._chunk_frames += 1
         if self._detection is not None:
-            assert self._structure is not None
-            frame = EpisodeFrame(
-                time_s=self._time_ns / 1e9,
-                structure=self._structure.world,
-                ids=self._structure.ids,
-                poses=capture.poses,
-                joint_positions=capture.joints,
-                contacts=capture.contacts,
-                drives=capture.drives,
-                unmoved_poses=self._structure.unmoved_poses,
-            )
-            has_moved = capture.moved is None or len(capture.moved) > 0
-            self._detection.add(frame, has_moved=has_moved, geometry=capture.geometry)
+            self._held_frames.append((self._time_ns, self._frame))
+            self._pass_frames_on()
+        self._frame = []
+
+    def _pass_frames_on(self) -> None:
+        """Passes frames to the detection of events, unless the geometry of a body in them is still to be passed on."""
+        if self._detection is not None and not self._geometry_jobs:
+            for time_ns, messages in self._held_frames:
+                self._detection.add_frame(time_ns, messages)
+            self._held_frames.clear()
 
     def _add_events(self, events: Iterable[EpisodeEvent]) -> None:
         for event in events:
@@ -887,9 +920,9 @@ class _EpisodeWriter:
             if (followed := before.followed_by(capture.structure)) is not None:
                 self._structure, record = followed
                 self._changes.append(self._encode.world(self._time_ns, record))
-                self._add(EpisodeTopic.WORLD, self._changes[-1])
+                self._add_change(EpisodeTopic.WORLD, self._changes[-1])
             if capture.geometry is not None:
-                self._jobs.append(partial(self._add_geometry, capture.geometry, capture.structure.world))
+                self._expect_geometry(capture.geometry, capture.structure.world)
         assert self._structure is not None
         if capture.moved is not None:
             return capture.moved
@@ -908,29 +941,30 @@ class _EpisodeWriter:
         self._file.add_attachment("episode.json", "application/json", msgspec.json.encode(self._header))
         values = msgspec.to_builtins(self._header, str_keys=True)
         self._file.add_metadata("mindstage", {name: str(value) for name, value in values.items()})
-        self._begin_chunk()
-        self._end_frame(capture)
+        self._frame = [each for each in self._begin_chunk() if each[0] is not EpisodeTopic.MARKERS]
+        self._expect_geometry(capture.geometry or {}, self._structure.world)
+        self._end_frame()
         self.flush()
         self._jobs.append(partial(self._add_map, "map-begin.owl.zst", self._structure.frame(self._poses)))
         self._jobs.append(partial(self._add_knowledge))
-        self._jobs.append(partial(self._add_geometry, capture.geometry or {}, self._structure.world))
 
     def work(self, *, all: bool = False) -> bool:
         """Does one of the jobs that take long, between which frames are written, or all; returns whether there is more.
 
         These are the attachments: a whole kitchen as OWL and its meshes take longer than a frame may wait.
         """
-        while self._jobs:
-            job = self._jobs.popleft()
+        while jobs := self._geometry_jobs or self._jobs:
+            job = jobs.popleft()
             try:
                 job()
             except OSError:  # the disk is full, for example
                 raise
             except Exception as error:  # what is derived must not end a recording
                 self._on_fault(job.func.__name__.removeprefix("_add_"), f"{type(error).__name__}: {error}")
+            self._pass_frames_on()
             if not all:
                 break
-        return bool(self._jobs)
+        return bool(self._geometry_jobs or self._jobs)
 
     def _add_map(self, name: str, frame: EpisodeFrame) -> None:
         """Attaches a world as a semantic map."""
@@ -945,6 +979,11 @@ class _EpisodeWriter:
             name = "knowledge.msgpack.zst"
             self._file.add_attachment(name, "application/msgpack+zstd", content, time_ns=self._time_ns)
 
+    def _expect_geometry(self, geometry: GeometryMap, world: World) -> None:
+        """Attaches geometry before what else is to be attached; frames wait for it that are searched for events."""
+        if any(self._attached.get(id) is not each for id, each in geometry.items()):
+            self._geometry_jobs.append(partial(self._add_geometry, geometry, world))
+
     def _add_geometry(self, geometry: GeometryMap, world: World) -> None:
         """Attaches geometry that is not in the file yet, and the bodies of a world with it as glTF."""
         new = {id: each for id, each in geometry.items() if self._attached.get(id) is not each}
@@ -953,10 +992,14 @@ class _EpisodeWriter:
         self._attached |= new
         name = f"geometry-{self._geometry_files}"
         self._geometry_files += 1
+        if self._detection is not None:  # which does not look at what is seen
+            shapes = {id: dataclasses.replace(each, visuals=(), lights=(), _draw=None) for id, each in new.items()}
+            self._detection.add_geometry(encode_geometry(shapes, known=self._geometry_keys))
         content = encode_geometry(new, known=self._geometry_keys)
         self._file.add_attachment(f"{name}.msgpack.zst", "application/msgpack+zstd", content, time_ns=self._time_ns)
         if not self._geometry_keys >= {each.key for each in new.values()}:
-            self._add_gltf(f"{name}.glb.zst", new, world)
+            lights = world.lights if self._geometry_files == 1 else ()
+            self._jobs.append(partial(self._add_gltf, f"{name}.glb.zst", new, replace(world, lights=lights)))
         self._geometry_keys |= {each.key for each in new.values()}
 
     def _add_gltf(self, name: str, geometry: GeometryMap, world: World) -> None:
@@ -966,7 +1009,6 @@ class _EpisodeWriter:
             bodies=tuple(body for body in world.bodies if body.id in geometry),
             joints=(),
             attachments=(),
-            lights=world.lights if self._geometry_files == 1 else (),
         )
         content = world_to_glb(world, geometry=geometry).data
         self._file.add_attachment(name, "model/gltf-binary+zstd", content, time_ns=self._time_ns)
@@ -989,11 +1031,10 @@ class _EpisodeWriter:
 
     # -- the end -------------------------------------------------------------------------------------------------------
 
-    def add_final_events(self, events: tuple[EpisodeEvent, ...] | None) -> None:
-        """Attaches the events of the whole recording, which replace the provisional ones; does nothing with None."""
+    def add_final_events(self, events: bytes | None) -> None:
+        """Attaches the events of the whole recording as JSON, which replace the provisional ones; None adds nothing."""
         if events is not None and self._structure is not None:
-            content = msgspec.json.encode(events)
-            self._file.add_attachment(FINAL_EVENTS, "application/json+zstd", content, time_ns=self._time_ns)
+            self._file.add_attachment(FINAL_EVENTS, "application/json+zstd", events, time_ns=self._time_ns)
 
     def finish(self) -> None:
         """Writes the rest of the file but its index."""

@@ -2,7 +2,7 @@
 
 A `WorldStructure` is written once and then as changes: bodies that were added or edited, and the parts of the world
 other than bodies if one of them was. Each has a digest of all that it was made from, so that a reader notices if it
-puts together what does not belong together.
+puts together what does not belong together. `EpisodeState` is the state that follows from messages.
 """
 
 from __future__ import annotations
@@ -10,18 +10,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from hashlib import blake2b
+from math import isnan
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from mindstage.engines.base import PoseArray
-from mindstage.episodes.messages import AXIS_NAMES, WorldRecord
-from mindstage.episodes.recording import EpisodeFrame
-from mindstage.scene import AxisMotion, Body, BodyId, Joint, World
+from mindstage.engines.base import Contact, PoseArray
+from mindstage.episodes.messages import AXIS_NAMES, EpisodeDecoder, EpisodeTopic, WorldRecord
+from mindstage.episodes.recording import DriveState, EpisodeFrame
+from mindstage.scene import AxisMotion, Body, BodyId, Iri, Joint, World
 from mindstage.scene.joint_kinematics import axis_ranges
 
-__all__ = ["WorldStructure"]
+__all__ = ["EpisodeState", "WorldStructure"]
 
 
 class _WorldChange(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -217,6 +218,102 @@ class WorldStructure:
             spawned=(*self.spawned[: change.spawned_before], *change.spawned),
             immovable=self.immovable if change.immovable is None else frozenset(change.immovable),
             digest=digest,
+        )
+
+
+class EpisodeState:
+    """The state of all bodies while the messages of an episode are read, in their order."""
+
+    def __init__(self, structure: WorldStructure | None = None) -> None:
+        """Begins with a structure, by default an empty one, and with no poses."""
+        self.structure = structure or WorldStructure(
+            -1, World(iri=Iri("")), np.zeros((0, 7)), spawned=(), immovable=frozenset()
+        )
+        self.poses: PoseArray = np.full((len(self.structure.ids), 7), np.nan)
+        self.joints: Mapping[BodyId, tuple[float, ...]] = {}
+        """Replaced, and never changed."""
+        self.contacts: tuple[Contact, ...] = ()
+        self.drives: Mapping[str, DriveState] = {}
+        """Replaced, and never changed."""
+
+    def copy(self) -> EpisodeState:
+        """A copy, which continues independently."""
+        copy = EpisodeState(self.structure)
+        copy.poses, copy.joints, copy.contacts = self.poses.copy(), self.joints, self.contacts
+        copy.drives = self.drives
+        return copy
+
+    def use(self, structure: WorldStructure) -> None:
+        """Continues with another structure; bodies that it does not have are dropped."""
+        before, self.structure = self.structure, structure
+        if structure.ids != before.ids:
+            poses = np.full((len(structure.ids), 7), np.nan)
+            for row, id in enumerate(structure.ids):
+                if id in before.rows:
+                    poses[row] = self.poses[before.rows[id]]
+            self.poses = poses
+        self.joints = {id: values for id, values in self.joints.items() if id in structure.joint_names}
+        if not self.drives.keys() <= structure.joint_names.keys():
+            self.drives = {id: each for id, each in self.drives.items() if id in structure.joint_names}
+
+    def apply(self, topic: EpisodeTopic | None, data: bytes) -> None:
+        """Applies the message of a topic; one that has no part of the state has no effect.
+
+        Raises:
+            ValueError: it is not valid, or about a body that does not exist.
+        """
+        match topic:
+            case EpisodeTopic.WORLD:
+                record = EpisodeDecoder.world(data)
+                if record.complete:
+                    self.use(WorldStructure.from_record(record))
+                else:
+                    self.use(self.structure.after(record))
+            case EpisodeTopic.TF | EpisodeTopic.TF_STATIC:
+                ids, poses = EpisodeDecoder.transforms(data)
+                rows = self.structure.rows
+                try:
+                    self.poses[[rows[id] for id in ids]] = poses
+                except KeyError as error:
+                    raise ValueError(f"a pose of {error.args[0]!r}, which does not exist") from error
+            case EpisodeTopic.JOINTS:
+                self._apply_joints(EpisodeDecoder.joints(data))
+            case EpisodeTopic.DRIVES:
+                self.drives = {**self.drives, **EpisodeDecoder.drives(data)}
+            case EpisodeTopic.CONTACTS:
+                self.contacts = EpisodeDecoder.contacts(data)
+            case _:
+                pass
+
+    def _apply_joints(self, named: Mapping[str, float]) -> None:
+        axes = self.structure.joint_axes
+        changed: dict[BodyId, list[float]] = {}
+        for name, value in named.items():
+            if name not in axes:
+                raise ValueError(f"a position of {name!r}, which does not exist")
+            id, axis = axes[name]
+            changed.setdefault(id, list(self.joints.get(id, (0.0,) * 6)))[axis] = value
+        gone = {id for id, values in changed.items() if any(map(isnan, values))}
+        joints = {**self.joints, **{id: tuple(values) for id, values in changed.items()}}
+        self.joints = {id: values for id, values in joints.items() if id not in gone} if gone else joints
+
+    def frame(self, time_ns: int, *, has_joints: bool, has_contacts: bool) -> EpisodeFrame:
+        """The state as a frame.
+
+        Args:
+            time_ns: time since the begin of the episode [ns].
+            has_joints: whether positions of joints were recorded.
+            has_contacts: whether contacts were recorded.
+        """
+        return EpisodeFrame(
+            time_s=time_ns / 1e9,
+            structure=self.structure.world,
+            ids=self.structure.ids,
+            poses=self.poses.copy(),
+            joint_positions=self.joints if has_joints else None,
+            contacts=self.contacts if has_contacts else None,
+            drives=self.drives,
+            unmoved_poses=self.structure.unmoved_poses,
         )
 
 

@@ -15,6 +15,7 @@ from hashlib import sha256
 from math import atan2, sqrt
 
 from mindstage.errors import InvalidArgumentError
+from mindstage.homes.friction import true_frictions
 from mindstage.homes.household import KNOWROB, household
 from mindstage.homes.styles import HomeDialect
 from mindstage.scene import (
@@ -63,9 +64,11 @@ class WrittenHome:
 
     `bodies` have `id` (in the home), `class`, `size` (along the axes of the mesh [m]), `center` [m] and `quaternion`
     (w x y z) of the box, `pivot` (the origin of the mesh, from the center and along its axes [m]), `mobility`, `mass`
-    ([kg] or null) and `attached_to`. `joints` have `id`, `kind` (slide or hinge), `base` and `moving` (the door or
+    ([kg] or null), `material` and `friction` (of things: the coefficient on what they stand on, else null; see
+    `homes.friction`) and `attached_to`. `joints` have `id`, `kind` (slide or hinge), `base` and `moving` (the door or
     the drawer), `origin` [m], `axis` (of unit length; positive motions open) and `travel` ([m] or [rad]), all in the
-    frame of the home. `size_frame` is `world` where classes have the world-aligned bounds of their first individual.
+    frame of the home, and `friction` ([N] or [N m]).
+    `size_frame` is `world` where classes have the world-aligned bounds of their first individual.
     """
     urdf: str = ""
     """The robot description that the map needs, if any."""
@@ -159,6 +162,7 @@ class _Writer:
 
     def write(self) -> WrittenHome:
         """The file and its truth."""
+        things, joint_frictions = true_frictions(self.home)
         bodies = {
             actor.name: {
                 "id": id,
@@ -169,6 +173,8 @@ class _Writer:
                 "pivot": _rounded(actor.pivot, 6),
                 "mobility": actor.body.physics.mobility,
                 "mass": actor.body.physics.mass_kg,
+                "material": None if id not in things else things[id].material,
+                "friction": None if id not in things else things[id].coefficient,
                 "attached_to": self.parents[id].name if id in self.parents else None,
             }
             for id, actor in self.actors.items()
@@ -182,6 +188,7 @@ class _Writer:
                 "origin": front.joint.pose.position,
                 "axis": _rounded(front.axis, 9),
                 "travel": front.travel,
+                "friction": joint_frictions[front.joint.id],
             }
             for front in self.fronts
         }

@@ -221,7 +221,7 @@ class PlanRunner:
         Args:
             simulation: a simulation in the state in which all samples begin.
             seed: the seed of all samples.
-            fixed_guesses: guesses that do not vary although the plan says so.
+            fixed_guesses: guesses that are kept at their value in a plan whose guesses vary.
 
         Raises:
             PlanError: the plan does not fit the world.

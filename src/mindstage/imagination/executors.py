@@ -43,7 +43,7 @@ class Job:
     plan: Plan
     seed: int = 0
     fixed_guesses: tuple[Guess, ...] = ()
-    """Guesses that do not vary although the plan says so."""
+    """Guesses that are kept at their value in a plan whose guesses vary."""
 
 
 class Executor(Protocol):

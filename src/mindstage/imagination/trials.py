@@ -322,7 +322,7 @@ def run_trials(
 
 
 def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty | Literal["guesses"], ...]:
-    """The uncertainty of a thing from words such as "position_m=0.01 mass=0.1", and "guesses".
+    """The uncertainty of a thing from words such as "position_m=0.01,0.02,0 mass=0.1", and "guesses".
 
     Raises:
         InvalidArgumentError: a word is not a field of `Uncertainty` with a number.
@@ -331,12 +331,13 @@ def parse_uncertainty(thing: str, text: str | None) -> tuple[Uncertainty | Liter
         return ()
     known = [name for name in Uncertainty.__struct_fields__ if name != "thing"]
     values: dict[str, object] = {"thing": thing}
-    words = re.split(r"[\s,]+", text.strip())
+    words = re.split(r"[\s,]+(?![\d.+-])", text.strip())  # commas divide words, or the numbers of one
     guesses = (GUESSES,) if GUESSES in words else ()
     for word in [each for each in words if each != GUESSES]:
         name, _, value = word.partition("=")
         try:
-            values[name] = float(value)
+            numbers = tuple(map(float, value.split(",")))
+            values[name] = numbers if len(numbers) > 1 else numbers[0]
         except ValueError:
             name = ""
         if name not in known:

@@ -18,16 +18,7 @@ from mindstage.engines import NullEngine, make_engine
 from mindstage.engines.base import Applied, AssumingEngine, Capability, DynamicsScale, Engine, PoseArray, SavedState
 from mindstage.errors import CommitError, WorldError
 from mindstage.scene import Body, BodyId, World
-from mindstage.scene.edits import (
-    Attach,
-    Detach,
-    Edit,
-    SetLabel,
-    SetMaterials,
-    SetPhysics,
-    SetPoses,
-    Spawn,
-)
+from mindstage.scene.edits import Attach, Detach, Edit, SetLabel, SetMaterials, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array
 from mindstage.simulation.interaction import JointHandle, SpawnRecord
 from mindstage.simulation.joint_motion import find_joint
@@ -222,6 +213,8 @@ def commit_edits(
 ) -> tuple[str, ...]:
     """Makes the edits of a copy in its original, all or none; see `Simulation.commit`.
 
+    Joints that were pulled before an edit is refused stay there if the engine cannot save states; the error says so.
+
     Args:
         engine: the engine of the copy.
         origin: the original.
@@ -238,8 +231,11 @@ def commit_edits(
     original, can_save = origin.original, Capability.SAVE in origin.original.engine.capabilities
     before = original.engine.run(lambda engine: engine.save_state() if can_save else None, label="save")
     done: list[Applied] = []
+    lasting: list[str] = []
     try:
         for edit, end in zip(engine.edits, engine.ends, strict=True):
+            if before is None and isinstance(edit, MoveJoint | ClearWorld):  # these have no inverse
+                lasting.append(edit.label)
             try:
                 done += make_edit(original, edit)
             except WorldError as error:
@@ -251,7 +247,8 @@ def commit_edits(
             original.apply(applied.inverse)
         if before is not None:
             original.engine.run(lambda engine: engine.restore_state(before), label="restore", edits=True)
-        raise CommitError(reason=f"{error.reason} (nothing was done)") from error
+        what = f"what cannot be undone was: {', '.join(lasting)}" if lasting else "nothing was done"
+        raise CommitError(reason=f"{error.reason} ({what})") from error
     return tuple(edit.label for edit in engine.edits)
 
 

@@ -53,6 +53,12 @@ _BESIDE = "/beside"
 """The node of the second recording."""
 _GAP_M = 0.5
 """Distance between two recordings [m], besides a tenth of the width of the first one."""
+_SHOWN_EVENTS = 4
+"""The number of events that the page shows while it is recorded."""
+_LATE_S = 2.0
+"""How late events are if the page says so [s]."""
+_STATES = {EpisodeEventKind.CONTACT, EpisodeEventKind.SUPPORT, EpisodeEventKind.CONTAINMENT}
+"""Kinds that are not shown while it is recorded: they are too many."""
 _log = logging.getLogger(__name__)
 
 _Seconds = Annotated[float, Meta(ge=-1e12, le=1e12)]
@@ -77,12 +83,19 @@ class RecordingHandler:
         self.publish()
 
     def publish(self) -> None:
-        """Publishes whether it is recording, to which file and for how long, and its first fault.
+        """Publishes whether it is recording, to which file and for how long, its first fault, and its last events.
 
         Called several times a second.
         """
         recorder = self._recorder
-        state: dict[str, object] = {"path": None, "time_s": 0.0, "failed": False, "fault": None}
+        state: dict[str, object] = {
+            "path": None,
+            "time_s": 0.0,
+            "failed": False,
+            "fault": None,
+            "events": [],
+            "late_s": 0,
+        }
         if recorder is not None:
             fault = None if recorder.error is None else without_paths(str(recorder.error))
             state = {
@@ -90,6 +103,18 @@ class RecordingHandler:
                 "time_s": round(recorder.time_s),
                 "failed": not recorder.recording,
                 "fault": fault,
+                "events": [
+                    {
+                        "id": each.id,
+                        "kind": each.kind,
+                        "thing": each.thing,
+                        "other": each.other,
+                        "begin_s": each.begin_s,
+                    }
+                    for each in recorder.live_events
+                    if each.kind not in _STATES
+                ][-_SHOWN_EVENTS:],
+                "late_s": round(late_s) if (late_s := recorder.events_delay_s) > _LATE_S else 0,
             }
         self._channel.publish("recording", state)
 

@@ -1111,22 +1111,26 @@ def merge_contacts(points: ContactPoints, ends: NDArray[np.intp]) -> MergedConta
         points: the contact points, k.
         ends: the rows of the two bodies of each point, k x 2; the ground is the last row.
     """
-    force = points.forces
+    if not len(ends):
+        return MergedContacts(ends, points.positions, points.normals, points.forces, points.distances)
     is_reversed = ends[:, 0] > ends[:, 1]
-    normals = np.where(is_reversed[:, None], -1.0, 1.0) * points.normals
-    stride = int(ends.max(initial=0)) + 1
-    low, high = np.sort(ends, axis=1).T
-    keys, group = np.unique(low * stride + high, return_inverse=True)
-    pairs = np.stack(np.divmod(keys, stride), axis=1)
-    weights = np.maximum(force, 1e-9)
-
-    def mean(values: Array) -> Array:
-        sums = np.stack([np.bincount(group, weights=weights * column) for column in values.T], axis=1)
-        return np.asarray(sums / np.bincount(group, weights=weights)[:, None])
-
-    forces = np.asarray(np.bincount(group, weights=force), dtype=float)
-    depths = np.full(len(pairs), -np.inf)
-    np.maximum.at(depths, group, -points.distances)
-    directions = mean(normals)
-    directions /= np.maximum(np.linalg.norm(directions, axis=1, keepdims=True), 1e-12)
-    return MergedContacts(pairs, mean(points.positions), directions, forces, depths)
+    stride = int(ends.max()) + 1
+    keys = np.where(is_reversed, ends[:, 1] * stride + ends[:, 0], ends[:, 0] * stride + ends[:, 1])
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+    # Few calls of NumPy: a recording does this for each frame, and most have few contacts.
+    weights = np.maximum(points.forces, 1e-9)
+    columns = np.empty((len(ends), 8))
+    columns[:, 0] = points.forces
+    columns[:, 1] = weights
+    columns[:, 2:5] = points.positions
+    columns[:, 5:] = points.normals
+    columns[:, 2:] *= weights[:, None]
+    columns[is_reversed, 5:] *= -1.0
+    sums = np.add.reduceat(columns[order], starts, axis=0)
+    directions = sums[:, 5:] / sums[:, 1:2]
+    directions /= np.maximum(np.sqrt((directions**2).sum(axis=1, keepdims=True)), 1e-12)
+    pairs = np.stack(np.divmod(keys[starts], stride), axis=1)
+    depths = np.maximum.reduceat(-points.distances[order], starts)
+    return MergedContacts(pairs, sums[:, 2:5] / sums[:, 1:2], directions, sums[:, 0], depths)

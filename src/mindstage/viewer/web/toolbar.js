@@ -1,7 +1,7 @@
 // The toolbar (time, undo, camera, display) and the status bar. Buttons run commands of `commands.js`.
 
 import { channel } from "./rpcChannel.js";
-import { el } from "./dom.js";
+import { el, replaceChildren } from "./dom.js";
 import { icon } from "./icons.js";
 import { command, keyText, run } from "./commands.js";
 import { gizmo } from "./editActions.js";
@@ -73,8 +73,15 @@ async function toggleRecording() {
 }
 
 let shownFault = null;
+const liveEvents = el("ol", { id: "live-events", "data-role": "live-events", "aria-label": "Last events of the recording", hidden: true });
+document.body.append(liveEvents);
 
-channel.on("recording", ({ path, time_s: time, failed, fault }) => {
+channel.on("recording", ({ path, time_s: time, failed, fault, events, late_s: late }) => {
+  liveEvents.hidden = !events.length && !late;
+  replaceChildren(liveEvents, [
+    ...events.map(({ id, kind, thing, other, begin_s: begin }) => el("li", { "data-event": id }, `${begin.toFixed(1)} s ${kind}: ${thing}${other ? `, ${other}` : ""}`)),
+    ...(late ? [el("li", {}, `Events are ${late} s late`)] : []),
+  ]);
   const title = path ? `${failed ? "The recording has failed; stop it" : "Stop recording"}: ${path}${fault ? `. ${fault}` : ""}` : "Record an episode";
   if (fault && fault !== shownFault) toast(`${failed ? "The recording has failed" : "A fault while recording"}: ${fault}`, "error");
   shownFault = fault;
