@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine, model_cache, regions
 from mindstage.errors import EngineMemoryError
-from mindstage.scene import Body, BodyId, Joint, Pose, World
-from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
+from mindstage.scene import Body, BodyId, BodyPhysics, Joint, Mobility, Pose, World
+from mindstage.scene.edits import Attach, Delete, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import Array
 from tests.engines.contract import current_pose
 from tests.engines.scenes import body, prismatic_joint, revolute_joint, world
@@ -412,3 +413,79 @@ def test_a_model_of_a_neighborhood_has_what_is_near_as_it_is_and_changes_nothing
     for each in (engine, untouched):
         each.step(0.5)
     np.testing.assert_array_equal(engine.poses()[1], untouched.poses()[1])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_after_edits_of_single_bodies_the_partition_and_all_tables_are_as_if_read_anew(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bodies are added, deleted and made loose or fixed; the referee reads the whole world."""
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    rng, position = np.random.default_rng(seed), row_of_furniture(seed)
+    engine, added = engine_of(position), 0
+    engine.step(0.05)
+    singles = [each.id for each in position.bodies if each.id.startswith("box")]
+    for _ in range(12):
+        for _ in range(rng.integers(1, 4)):
+            kind, id = rng.choice(["add", "delete", "fix", "loosen"]), BodyId(str(rng.choice(np.array(singles))))
+            if kind == "add":
+                x, mobility = float(rng.uniform(-_LENGTH_M / 2, 0.0)), str(rng.choice(["static", "dynamic"]))
+                size = (0.2, 0.2, 0.2)  # sometimes it overlaps something
+                singles.append(BodyId(f"new{added}"))
+                engine.apply(Spawn(world(body(singles[-1], (x, 0.1, 0.5), size, mobility, 1.0)), settle=False))
+                added += 1
+            elif kind == "delete":
+                singles.remove(id)
+                engine.apply(Delete((id,)))
+            else:
+                mobility = Mobility.STATIC if kind == "fix" else Mobility.DYNAMIC
+                engine.apply(SetPhysics(id, BodyPhysics(mobility=mobility, mass_kg=1.0)))
+        engine.rebuild()
+        cache = engine._cache
+        tables, anew = cache.tables, regions.WorldTables(cache.builder, kinematics_driven=False)
+        assert tables is not None
+        for name in ("ids", "rows", "group_roots", "linked", "overlapping", "jointed_pairs", "holders"):
+            assert getattr(tables, name) == getattr(anew, name), name
+        for name in ("sizes", "local_centers", "half_extents", "group_of", "unit_of_group", "unit_sizes", "moving"):
+            np.testing.assert_array_equal(getattr(tables, name), getattr(anew, name), name)
+        assert tables._pairs_of(tables.rows) == anew._pairs_of(anew.rows)
+        np.testing.assert_allclose(cache._boxes, anew.boxes(cache.poses(), np.arange(len(anew.ids))), atol=1e-4)
+        for region in cache.regions:
+            assert [anew.rows.get(id, -1) for id in region.compiled.rows] == region.rows.tolist()
+        engine.step(0.02)
+
+
+def test_what_was_added_last_to_a_large_world_falls_once_it_is_made_loose(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    row = [body(f"box{n}", (n, 0.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(30)]
+    engine = engine_of(world(body("floor", (12, 0, -0.05), (80, 20, 0.1)), *row))
+    engine.step(0.1)
+    engine.apply(Spawn(world(body("last", (5, 1, 1.1), (0.2, 0.2, 0.2)))))
+    engine.step(0.1)
+    engine.apply(SetPhysics(BodyId("last"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=1.0)))
+    engine.step(2.0)
+    assert current_pose(engine, "last")[2] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_after_a_model_cannot_be_compiled_the_next_edit_makes_it_possible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bodies are deleted at once, so that the rows of all others change."""
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    position = row_of_furniture(5)
+    engine, untouched = engine_of(position), engine_of(position)
+    gone = tuple(each.id for each in position.bodies if each.id.endswith(".0"))[:3]
+    for each in (engine, untouched):
+        each.step(0.1)
+        each.apply(Delete(gone[:1]))
+    with monkeypatch.context() as patched:
+        patched.setattr(model_cache, "compile_model", refuse)
+        for _ in range(2):
+            with pytest.raises(EngineMemoryError):
+                engine.step(0.1)
+    for each in (engine, untouched):
+        each.apply(Delete(gone[1:]))
+        each.step(0.5)
+    np.testing.assert_array_equal(engine.poses()[1], untouched.poses()[1])
+
+
+def refuse(given: object) -> NoReturn:
+    raise EngineMemoryError(what="this test", needed_mb=2.0, cap_mb=1.0)
