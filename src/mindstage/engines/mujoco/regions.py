@@ -95,6 +95,7 @@ class WorldTables:
         )
         self._jointed_partners: _Partners | None = None if before is None else before._jointed_partners
         self._overlapping_partners: _Partners | None = None
+        self.linked: frozenset[BodyId]
         self.places = None if before is None or found is None else _inverse(found[0], len(before.ids))
         """The row here of each body of `before`, -1 for those that are not here, and at the end."""
         if before is not None and before.overlapping == self.overlapping:
