@@ -14,6 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine, model_cache, regions
+from mindstage.engines.mujoco.regions import Region
 from mindstage.errors import EngineMemoryError
 from mindstage.scene import Body, BodyId, BodyPhysics, Joint, Mobility, Pose, World
 from mindstage.scene.edits import Attach, Delete, SetPhysics, SetPoses, Spawn
@@ -489,3 +490,34 @@ def test_after_a_model_cannot_be_compiled_the_next_edit_makes_it_possible(monkey
 
 def refuse(given: object) -> NoReturn:
     raise EngineMemoryError(what="this test", needed_mb=2.0, cap_mb=1.0)
+
+
+def test_copies_of_a_world_at_rest_share_their_state_until_one_of_them_is_pushed() -> None:
+    position = row_of_furniture(4)
+    engine = engine_of(position)
+    engine.step(5.0)
+    saved, fork, state = engine.fork(), engine.fork(), engine.save_state()
+    shared = [region.compiled.data is other.compiled.data for region, other in _pairs_of_regions(engine, fork)]
+    assert all(shared)
+    thing = next(each for each in position.bodies if each.id.endswith(".0"))
+    force = (60.0 * (thing.physics.mass_kg or 0.0), 0.0, 0.0)
+    before = engine.poses()[1]
+    for each in (engine, fork):
+        each.apply_force(thing.id, force)
+        each.step(0.3)
+        np.testing.assert_array_equal(saved.poses()[1], before)
+    assert np.abs(engine.poses()[1] - before).max() > 0.01
+    np.testing.assert_array_equal(engine.poses()[1], fork.poses()[1])
+    for each in (saved, engine):
+        each.restore_state(state)
+        np.testing.assert_array_equal(each.poses()[1], before)
+        each.apply_force(thing.id, force)
+        each.step(0.3)
+        np.testing.assert_array_equal(each.poses()[1], fork.poses()[1])
+    some = [region.compiled.data is other.compiled.data for region, other in _pairs_of_regions(engine, fork)]
+    assert any(some)
+    assert not all(some)
+
+
+def _pairs_of_regions(one: MujocoEngine, other: MujocoEngine) -> list[tuple[Region, Region]]:
+    return list(zip(one._cache.regions, other._cache.regions, strict=True))

@@ -149,19 +149,18 @@ class ModelCache:
             compiled.update_poses()
         return compiled
 
-    def model_near(self, ids: Collection[BodyId], within_m: float) -> CompiledModel:
-        """The current model of what is within a distance of the box around some bodies; see `MujocoEngine`."""
+    def model_near(self, ids: Collection[BodyId], within_m: float, boxes: Iterable[Array]) -> CompiledModel:
+        """The current model of what is near some bodies or in some boxes; see `MujocoEngine.compiled_near`."""
         self.update()
         if self.tables is None or self._is_whole():
             return self.model()
-        reach = self.bounds(ids) + np.array([[-within_m], [within_m]])
-        found = self.tables.unit_of[box_meets(reach, self._boxes)]
+        self._update_awake_boxes(self.poses())
+        near = self.bounds(ids) + np.array([[-within_m], [within_m]])
+        within = np.any([box_meets(box, self._boxes) for box in (near, *boxes)], axis=0)
+        found = self.tables.unit_of[within]
         units = np.zeros(len(self.tables.unit_sizes), dtype=bool)
         units[found[found >= 0]] = True
-        low, high = (np.broadcast_to(corner, (len(units), 3)) for corner in reach)
-        return self._compile_region(
-            self.tables, self.poses(), units, np.zeros((0, 2, 3)), unit_boxes=(low, high)
-        ).compiled
+        return self._compile_region(self.tables, self.poses(), units, np.zeros((0, 2, 3)), within=within).compiled
 
     def join(self) -> None:
         """Makes the world one region, and keeps it one."""
@@ -563,6 +562,15 @@ class ModelCache:
             known[rows] = new
         self._boxes = boxes
 
+    def _update_awake_boxes(self, poses: Array) -> None:
+        """Computes the boxes of the bodies that may have moved since the last edit or check."""
+        assert self.tables is not None
+        for region in self.regions:
+            if not region.is_resting:
+                rows = region.rows[region.is_own]
+                for known, new in zip(self._boxes, self.tables.boxes(poses, rows), strict=True):
+                    known[rows] = new
+
     def _compile_region(
         self,
         tables: WorldTables,
@@ -572,6 +580,7 @@ class ModelCache:
         *,
         is_whole: bool = False,
         unit_boxes: Boxes | None = None,
+        within: NDArray[np.bool_] | None = None,
     ) -> Region:
         """Compiles the model of some units, in the state that they have in the regions where they are.
 
@@ -582,6 +591,7 @@ class ModelCache:
             changed_boxes: boxes in which sleeping bodies wake up, k x 2 x 3 [m].
             is_whole: whether the region is the whole world.
             unit_boxes: boxes within which the units are for some time; by default their present ones.
+            within: whether each body is near enough to be in the model; by default those near the units.
         """
         bodies = tables.bodies_of(units)
         found = {id: region.compiled for region in self.regions for id in region.bodies & bodies}
@@ -594,7 +604,8 @@ class ModelCache:
         else:
             low, high = tables.unit_boxes(self._boxes) if unit_boxes is None else unit_boxes
             box = reach_of(low[units], high[units])
-            model_input = tables.region_input(self.builder, poses, self._timestep_s, units, box_meets(box, self._boxes))
+            is_near = box_meets(box, self._boxes) if within is None else within
+            model_input = tables.region_input(self.builder, poses, self._timestep_s, units, is_near)
         self._limited(model_input, *{id(each): each for each in owners.values()}.values())
         compiled = compile_model(model_input) if owners else stored_model(model_input)
         compiled.data.time = self._time_s
@@ -623,14 +634,10 @@ class ModelCache:
         tables = self.tables
         if tables is None or self._is_whole():
             return
-        awake = [region for region in self.regions if not region.is_resting]
-        if not awake:
+        if all(region.is_resting for region in self.regions):
             return
         poses = self.poses()
-        for region in awake:
-            rows = region.rows[region.is_own]
-            for known, new in zip(self._boxes, tables.boxes(poses, rows), strict=True):
-                known[rows] = new
+        self._update_awake_boxes(poses)
         handovers = find_handovers(tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s)
         if not handovers.regions:
             return

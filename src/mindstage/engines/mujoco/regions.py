@@ -85,8 +85,7 @@ class WorldTables:
         self.ids, self.rows = registry.ids, registry.rows
         self.group_roots = list(self.forest.groups)
         found = before._sources_in(self) if before is not None and before.ids else None
-        if found is None:
-            before = None
+        before = None if found is None else before
         self.sources = None if found is None else found[0]
         """The row in `before` of each body that is simulated as there, -1 for others; None if all are read anew."""
         self.overlapping = frozenset(builder.collision_filter.excluded_pairs | builder.given_excluded_pairs)
@@ -407,10 +406,16 @@ class Region:
     """Whether everything is asleep, so that steps change nothing but the time."""
     is_read: bool = True
     """Whether the poses of the world have those of the model."""
+    is_shared: bool = False
+    """Whether copies have the same state, which is copied when one of them is woken."""
 
     def copy(self) -> Region:
         """An independent copy of the state; the model is shared."""
-        return replace(self, bodies=set(self.bodies), compiled=self.compiled.copy(), frozen=dict(self.frozen))
+        if self.is_resting:
+            self.compiled.update_poses()
+            self.is_shared = True
+        compiled = self.compiled if self.is_shared else self.compiled.copy()
+        return replace(self, bodies=set(self.bodies), compiled=compiled, frozen=dict(self.frozen))
 
     def use_rows(self, tables: WorldTables) -> None:
         """Sets the rows of the bodies; those that are not there have the row -1."""
@@ -428,6 +433,8 @@ class Region:
 
     def wake(self, time_s: float) -> CompiledModel:
         """The model, to be changed or advanced: from then on it is stepped."""
+        if self.is_shared:
+            self.compiled, self.is_shared = self.compiled.copy(), False
         if self.is_resting:
             self.compiled.data.time, self.is_resting = time_s, False
         self.is_read = False
