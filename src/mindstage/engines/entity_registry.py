@@ -110,7 +110,7 @@ class EntityRegistry:
     def rows(self) -> dict[BodyId, int]:
         """The place of each body in `ids`, not to be changed; the same object until one is added or removed."""
         if self._rows is None:
-            self._rows = {id: row for row, id in enumerate(self.ids)}
+            self._rows = dict(zip(self.ids, range(len(self.bodies)), strict=True))
         return self._rows
 
     def body(self, id: BodyId) -> Body:
@@ -170,7 +170,8 @@ class EntityRegistry:
                 self._link(attachment.parent, attachment.child)
                 added.attachments.append(attachment.child)
         self._worlds.append(msgspec.structs.replace(world, bodies=(), joints=(), attachments=(), lights=()))
-        self._ids = self._rows = None
+        new = range(len(self.bodies) - len(added.bodies), len(self.bodies))
+        self._ids, self._rows = None, self._rows and self._rows | dict(zip(added.bodies, new, strict=True))
         return added
 
     def _id_error(self, id: BodyId) -> str:

@@ -540,7 +540,7 @@ class ModelCache:
             ):
                 is_here = np.zeros(len(tables.unit_sizes), dtype=bool)
                 is_here[units] = True
-                region = self._compile_region(tables, poses, is_here, changed_boxes)
+                region = self._compile_region(tables, poses, is_here, changed_boxes, unit_boxes=unit_boxes)
             regions.append(region)
         return regions
 

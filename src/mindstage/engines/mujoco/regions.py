@@ -111,8 +111,8 @@ class WorldTables:
         """The number of the group of each body."""
         self.unit_of_group: Indices
         """The unit of each group, -1 for fixed ones."""
-        self.holders: Mapping[int, tuple[int, ...]]
-        """The numbers of the fixed groups that hold units."""
+        self.holders: Indices
+        """The units that fixed groups hold, and the numbers of these, n x 2."""
         if before is None or found is None:
             numbers = {root: number for number, root in enumerate(self.group_roots)}
             groups = (numbers[self.forest.root_of[id]] for id in self.ids)
@@ -138,14 +138,16 @@ class WorldTables:
             or after.kinematics_driven != self.kinematics_driven
         ):
             return None
-        is_kept = np.fromiter(map(is_, map(new.get, old), old.values()), dtype=bool, count=len(old))
-        if not all(map(is_, compress(old.values(), is_kept), new.values())):
-            return None  # others come before them
-        groups, rows = np.flatnonzero(is_kept), np.flatnonzero(is_kept[self.group_of])
         sources = np.full(len(after.ids), -1, dtype=np.intp)
-        kept = tuple(compress(self.ids, is_kept[self.group_of]))
-        places = slice(len(kept)) if after.ids[: len(kept)] == kept else [after.rows[id] for id in kept]
-        sources[places] = rows
+        if len(old) <= len(new) and all(map(is_, old.values(), new.values())):
+            groups, rows, kept = np.arange(len(old)), np.arange(len(self.ids)), self.ids
+        else:
+            is_kept = np.fromiter(map(is_, map(new.get, old), old.values()), dtype=bool, count=len(old))
+            if not all(map(is_, compress(old.values(), is_kept), new.values())):
+                return None  # others come before them
+            groups, rows = np.flatnonzero(is_kept), np.flatnonzero(is_kept[self.group_of])
+            kept = tuple(compress(self.ids, is_kept[self.group_of]))
+        sources[slice(len(kept)) if after.ids[: len(kept)] == kept else [after.rows[id] for id in kept]] = rows
         return sources, np.concatenate([groups, np.full(len(new) - len(groups), -1)])
 
     def _take(self, before: WorldTables, sources: Indices, group_sources: Indices) -> None:
@@ -176,12 +178,9 @@ class WorldTables:
         self.unit_of_group = np.empty(len(self.group_roots), dtype=np.intp)
         self.unit_of_group[~group_is_new] = units[kept]
         self.unit_of_group[group_is_new] = np.where(moves, np.count_nonzero(is_kept) - 1 + np.cumsum(moves), -1)
-        numbers = groups.tolist()
-        self.holders = {
-            int(units[unit]): tuple(numbers[each] for each in held) for unit, held in before.holders.items()
-        }
+        self.holders = np.stack([units[before.holders[:, 0]], groups[before.holders[:, 1]]], axis=1)
 
-    def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, Mapping[int, tuple[int, ...]]]:
+    def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, Indices]:
         forest = self.forest
         moves = np.array(
             [not is_fixed_group(each, kinematics_driven=self.kinematics_driven) for each in forest.groups.values()],
@@ -194,11 +193,9 @@ class WorldTables:
         trees = connected_groups(len(moves), *ends[is_inner].T)
         unit_of_group = np.full(len(moves), -1, dtype=np.intp)
         unit_of_group[moves] = np.unique(trees[moves], return_inverse=True)[1]
-        holders: dict[int, set[int]] = {}
-        for a, b in ends[~is_inner & moves[ends].any(axis=1)].tolist():
-            mover, holder = (a, b) if moves[a] else (b, a)
-            holders.setdefault(int(unit_of_group[mover]), set()).add(holder)
-        return unit_of_group, {unit: tuple(sorted(each)) for unit, each in holders.items()}
+        held = ends[~is_inner & moves[ends].any(axis=1)]
+        held = np.where(moves[held[:, :1]], held, held[:, ::-1])
+        return unit_of_group, np.stack([unit_of_group[held[:, 0]], held[:, 1]], axis=1)
 
     def _couplings(self) -> Iterable[tuple[BodyId, BodyId]]:
         """Pairs of groups that have to be in one model: those of loops, and of joints that follow others."""
@@ -277,8 +274,7 @@ class WorldTables:
         moves = is_unit & units[self.unit_of_group] if len(units) else is_unit
         chosen[self.group_of[within]] = True
         chosen |= moves
-        for unit in np.flatnonzero(units).tolist():
-            chosen[list(self.holders.get(unit, ()))] = True
+        chosen[self.holders[units[self.holders[:, 0]], 1]] = True
         rows = np.flatnonzero(chosen[self.group_of])
         ids = [self.ids[row] for row in rows.tolist()]
         roots = [self.group_roots[number] for number in np.flatnonzero(chosen).tolist()]
