@@ -521,3 +521,25 @@ def test_copies_of_a_world_at_rest_share_their_state_until_one_of_them_is_pushed
 
 def _pairs_of_regions(one: MujocoEngine, other: MujocoEngine) -> list[tuple[Region, Region]]:
     return list(zip(one._cache.regions, other._cache.regions, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_rests_on_kinematic_furniture_falls_when_that_is_put_elsewhere_at_once(seed: int) -> None:
+    """Until then that is fixed, and part of no region; things that stand together on it fall one onto another."""
+    rng = np.random.default_rng(seed)
+    tables = [body(f"table{n}", (1.5 * n, 0, 0.35), (1.0, 1.0, 0.7), "kinematic") for n in range(8)]
+    things = [
+        _box(f"thing{n}.{m}", (1.5 * n + float(rng.uniform(-0.3, 0.3)), 0.2 * m, 0.7), np.full(3, 0.1), 1.0)
+        for n in range(8)
+        for m in range(3)
+    ]
+    engine = engine_of(world(body("floor", (5, 0, -0.05), (60, 60, 0.1)), *tables, *things))
+    engine.step(3.0)
+    assert len(engine._cache.regions) > 2
+    for number in rng.permutation(8)[:4].tolist():
+        engine.apply(SetPoses({BodyId(f"table{number}"): Pose((1.5 * number, 10.0, 0.35))}))
+        engine.step(1.5)
+        for m in range(3):
+            assert current_pose(engine, f"thing{number}.{m}")[2] == pytest.approx(0.05, abs=1e-3), (number, m)
+    still = [id for id in engine.poses()[0] if "thing" in id and current_pose(engine, id)[2] > 0.7]
+    assert len(still) == 12

@@ -171,7 +171,8 @@ class EntityRegistry:
                 added.attachments.append(attachment.child)
         self._worlds.append(msgspec.structs.replace(world, bodies=(), joints=(), attachments=(), lights=()))
         new = range(len(self.bodies) - len(added.bodies), len(self.bodies))
-        self._ids, self._rows = None, self._rows and self._rows | dict(zip(added.bodies, new, strict=True))
+        known = self._rows
+        self._ids, self._rows = None, None if known is None else known | dict(zip(added.bodies, new, strict=True))
         return added
 
     def _id_error(self, id: BodyId) -> str:

@@ -679,7 +679,7 @@ def find_handovers(
     swept[0][is_awake, 2] -= _GRAVITY_M_S2 * duration_s**2 / 2
     awake = np.flatnonzero(is_awake)
     near = _near(swept, home, is_awake)
-    target, outdated, count = home.copy(), _outdated(tables, regions, home, is_awake, swept, poses), len(regions)
+    target, outdated, count = home.copy(), _outdated(tables, regions, home, swept, poses), len(regions)
     sizes = np.bincount(home[home >= 0], weights=tables.unit_sizes[home >= 0], minlength=count).tolist()
 
     def move(units: list[int], number: int) -> None:
@@ -738,7 +738,6 @@ def _outdated(
     tables: WorldTables,
     regions: Sequence[Region],
     home: Indices,
-    is_awake: NDArray[np.bool_],
     swept: Boxes,
     poses: Array,
 ) -> set[int]:
@@ -748,10 +747,12 @@ def _outdated(
     """
     found = set()
     for number, region in enumerate(regions):
-        awake = np.flatnonzero((home == number) & is_awake)
-        if not region.is_resting and not region.is_current:
+        if region.is_resting:
+            continue
+        own = np.flatnonzero(home == number)  # also what sleeps, perhaps on what has moved away
+        if not region.is_current:
             found.add(number)
-        elif len(awake) and region.frozen:
+        elif region.frozen:
             rows = np.array([tables.rows[id] for id in region.frozen], dtype=np.intp)
             compiled = np.array(list(region.frozen.values()))
             gone = np.abs(poses[rows] - compiled).max(axis=1) > _MOVED
@@ -760,6 +761,6 @@ def _outdated(
                 old[rows[gone]] = compiled[gone]
                 low, high = tables.boxes(old, rows[gone])
                 at = np.stack([low, high], axis=1)
-                if any(box_meets(box, (swept[0][awake], swept[1][awake])).any() for box in at):
+                if any(box_meets(box, (swept[0][own], swept[1][own])).any() for box in at):
                     found.add(number)
     return found
