@@ -463,10 +463,13 @@ class Region:
         return np.asarray(self.compiled.data.body_awake[numbers[~self.compiled.is_kinematic[numbers]]])
 
     def awake_rows(self) -> Indices:
-        """The places in the model of its own bodies that are awake, or may be moved."""
+        """The places in the model of its own bodies that are awake, wake up in the next step, or may be moved."""
         compiled = self.compiled
-        numbers = compiled.body_id_order
-        is_awake = (compiled.data.body_awake[numbers] == 1) | compiled.is_kinematic[numbers]
+        numbers, model, data = compiled.body_id_order, compiled.model, compiled.data
+        is_woken = np.zeros(model.ntree + 1, dtype=bool)
+        is_woken[model.dof_treeid[np.flatnonzero(data.qvel)]] = True  # see `wake_islands`
+        is_awake = (data.body_awake[numbers] == 1) | compiled.is_kinematic[numbers]
+        is_awake |= is_woken[model.body_treeid[numbers]]
         return np.flatnonzero(self.is_own & (numbers > 0) & is_awake)
 
     def displacements(self, places: Indices, radii: Array, duration_s: float) -> Array:
