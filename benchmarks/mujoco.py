@@ -16,7 +16,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import bundled_kitchen
 from mindstage.scene import Attachment, Body, BodyId, BodyPhysics, Iri, Joint, Mobility, Pose, World
-from mindstage.scene.edits import Spawn
+from mindstage.scene.edits import Delete, Spawn
 
 RUNS = 9
 
@@ -260,7 +260,16 @@ def _many_kitchens(kitchen: World) -> Iterator[Measure]:
             engine.step(0.002)
             taken.append(time.perf_counter() - start)
         yield Measure(what=f"a new body among {bodies}", ours=1000 * median(taken), unit="ms", at_most=50.0)
+        taken = []
+        for number in range(RUNS):
+            start = time.perf_counter()
+            engine.apply(Delete((BodyId(f"new{number}"),)))
+            engine.step(0.002)
+            taken.append(time.perf_counter() - start)
+        yield Measure(what=f"a deletion among {bodies}", ours=1000 * median(taken), unit="ms", at_most=50.0)
         engine.step(5.0)
+        (forked_s,) = _timed(engine.fork)
+        yield Measure(what=f"a copy of {bodies} at rest", ours=1000 * forked_s, unit="ms", at_most=20.0)
         start = time.perf_counter()
         engine.step(60.0)
         yield Measure(

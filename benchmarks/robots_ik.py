@@ -13,6 +13,7 @@ import mink
 import numpy as np
 
 from benchmarks import Measure
+from benchmarks.mujoco import copies_of, kitchen_world
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco.mujoco_kinematics import FRAME_SITE
 from mindstage.errors import RobotNotFoundError
@@ -151,3 +152,9 @@ def _planning() -> Iterator[Measure]:
             seconds, _ = _timed(lambda seed=seed: plan_arm(robot, "", Pose((0.9, 1.15, 0.95)), free="xyz", seed=seed))
             times.append(seconds)
         yield Measure(what="kitchen: a motion of the arm", ours=median(times))
+    with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
+        simulation.spawn(copies_of(kitchen_world(), 20))
+        robot = add_robot(simulation, "mobile_manipulator", Pose((0.9, 0.6, 0.0)))
+        simulation.step(0.5)
+        seconds, _ = _timed(lambda: CollisionChecker(robot, joints=robot.model.arms[0].joints, base_moves=True))
+        yield Measure(what="a collision checker for a base among 5,080 bodies", ours=seconds, unit="s", at_most=0.5)

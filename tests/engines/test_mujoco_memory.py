@@ -12,7 +12,7 @@ from mindstage.engines.mujoco import MujocoEngine
 from mindstage.engines.mujoco import compiler as mujoco_compiler
 from mindstage.errors import EngineMemoryError
 from mindstage.scene import Body, BodyId, BodyPhysics, Iri, Mobility, Pose, World
-from mindstage.scene.edits import Delete, Spawn
+from mindstage.scene.edits import Delete, SetPoses, Spawn
 
 _BOX_M = 0.1
 _HUGE_BYTES = 2 * 2**30
@@ -95,6 +95,31 @@ def test_contacts_that_begin_within_a_long_step_are_not_lost(monkeypatch: pytest
     assert engine.time_s == referee.time_s == pytest.approx(0.2)
     assert fork.time_s == 0.0
     assert fork.compiled().model.narena == 400_000, "a fork grows on its own"
+
+
+def test_a_ram_moves_a_heap_as_with_a_huge_arena_though_the_memory_grows_in_its_steps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One call has a part with the motion of the ram, and one without: the steps of both are repeated."""
+    falling = _falling(60)
+    ram = Body(
+        id=BodyId("ram"), iri=Iri("http://example.org/heap.owl#ram"), cls=Iri("http://example.org/heap.owl#Box"),
+        pose=Pose((-0.19, 0.15, 0.05)), size=(0.2, 0.6, 0.08), physics=BodyPhysics(mobility=Mobility.KINEMATIC),
+    )  # fmt: skip
+    world = World(iri=falling.iri, bodies=(*falling.bodies, ram))
+    engines, arenas = list[MujocoEngine](), list[int]()
+    for first_bytes in (400_000, _HUGE_BYTES):
+        engines.append(_engine(world, monkeypatch, first_bytes))
+        with monkeypatch.context() as patch:  # from now on the ram is moved, in another model
+            patch.setattr(mujoco_compiler, "first_arena_size", lambda *values, size=first_bytes, **names: size)
+            engines[-1].apply(SetPoses({BodyId("ram"): Pose((-0.14, 0.15, 0.05))}))
+    for cycle in range(4):
+        for each in engines:
+            each.step(0.12)  # longer than the motion of the ram
+            each.apply(SetPoses({BodyId("ram"): Pose((-0.13 + 0.02 * cycle, 0.15, 0.05))}))
+        arenas.append(engines[0].compiled().model.narena)
+        assert np.array_equal(engines[0].poses()[1], engines[1].poses()[1])
+    assert 400_000 < arenas[-1] < engines[1].compiled().model.narena
 
 
 def test_sleeping_bodies_stay_asleep_when_the_memory_grows(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from mindstage.engines.mujoco import MujocoEngine, model_cache, regions
+from mindstage.engines.mujoco.regions import Region
 from mindstage.errors import EngineMemoryError
-from mindstage.scene import Body, BodyId, Joint, Pose, World
-from mindstage.scene.edits import Attach, Delete, SetPoses, Spawn
+from mindstage.scene import Body, BodyId, BodyPhysics, Joint, Mobility, Pose, World
+from mindstage.scene.edits import Attach, Delete, Detach, Edit, SetPhysics, SetPoses, Spawn
 from mindstage.scene.transforms import Array
 from tests.engines.contract import current_pose
 from tests.engines.scenes import body, prismatic_joint, revolute_joint, world
@@ -412,3 +414,190 @@ def test_a_model_of_a_neighborhood_has_what_is_near_as_it_is_and_changes_nothing
     for each in (engine, untouched):
         each.step(0.5)
     np.testing.assert_array_equal(engine.poses()[1], untouched.poses()[1])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_after_edits_of_single_bodies_the_partition_and_all_tables_are_as_if_read_anew(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bodies are added, deleted and made loose or fixed; the referee reads the whole world."""
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    rng, position = np.random.default_rng(seed), row_of_furniture(seed)
+    engine, added = engine_of(position), 0
+    engine.step(0.05)
+    singles = [each.id for each in position.bodies if each.id.startswith("box")]
+    for _ in range(12):
+        for _ in range(rng.integers(1, 4)):
+            kind, id = rng.choice(["add", "delete", "fix", "loosen"]), BodyId(str(rng.choice(np.array(singles))))
+            if kind == "add":
+                x, mobility = float(rng.uniform(-_LENGTH_M / 2, 0.0)), str(rng.choice(["static", "dynamic"]))
+                size = (0.2, 0.2, 0.2)  # sometimes it overlaps something
+                singles.append(BodyId(f"new{added}"))
+                engine.apply(Spawn(world(body(singles[-1], (x, 0.1, 0.5), size, mobility, 1.0)), settle=False))
+                added += 1
+            elif kind == "delete":
+                singles.remove(id)
+                engine.apply(Delete((id,)))
+            else:
+                mobility = Mobility.STATIC if kind == "fix" else Mobility.DYNAMIC
+                engine.apply(SetPhysics(id, BodyPhysics(mobility=mobility, mass_kg=1.0)))
+        engine.rebuild()
+        cache = engine._cache
+        tables, anew = cache.tables, regions.WorldTables(cache.builder, kinematics_driven=False)
+        assert tables is not None
+        for name in ("ids", "rows", "group_roots", "linked", "overlapping", "jointed_pairs"):
+            assert getattr(tables, name) == getattr(anew, name), name
+        for name in ("sizes", "local_centers", "half_extents", "group_of", "unit_of_group", "holders", "moving"):
+            np.testing.assert_array_equal(getattr(tables, name), getattr(anew, name), name)
+        assert tables._pairs_of(tables.rows) == anew._pairs_of(anew.rows)
+        np.testing.assert_allclose(cache._boxes, anew.boxes(cache.poses(), np.arange(len(anew.ids))), atol=1e-4)
+        for region in cache.regions:
+            assert [anew.rows.get(id, -1) for id in region.compiled.rows] == region.rows.tolist()
+        engine.step(0.02)
+
+
+def test_what_was_added_last_to_a_large_world_falls_once_it_is_made_loose(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    row = [body(f"box{n}", (n, 0.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(30)]
+    engine = engine_of(world(body("floor", (12, 0, -0.05), (80, 20, 0.1)), *row))
+    engine.step(0.1)
+    engine.apply(Spawn(world(body("last", (5, 1, 1.1), (0.2, 0.2, 0.2)))))
+    engine.step(0.1)
+    engine.apply(SetPhysics(BodyId("last"), BodyPhysics(mobility=Mobility.DYNAMIC, mass_kg=1.0)))
+    engine.step(2.0)
+    assert current_pose(engine, "last")[2] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_after_a_model_cannot_be_compiled_the_next_edit_makes_it_possible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bodies are deleted at once, so that the rows of all others change."""
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    position = row_of_furniture(5)
+    engine, untouched = engine_of(position), engine_of(position)
+    gone = tuple(each.id for each in position.bodies if each.id.endswith(".0"))[:3]
+    for each in (engine, untouched):
+        each.step(0.1)
+        each.apply(Delete(gone[:1]))
+    with monkeypatch.context() as patched:
+        patched.setattr(model_cache, "compile_model", refuse)
+        for _ in range(2):
+            with pytest.raises(EngineMemoryError):
+                engine.step(0.1)
+    for each in (engine, untouched):
+        each.apply(Delete(gone[1:]))
+        each.step(0.5)
+    np.testing.assert_array_equal(engine.poses()[1], untouched.poses()[1])
+
+
+def refuse(given: object) -> NoReturn:
+    raise EngineMemoryError(what="this test", needed_mb=2.0, cap_mb=1.0)
+
+
+def test_copies_of_a_world_at_rest_share_their_state_until_one_of_them_is_pushed() -> None:
+    position = row_of_furniture(4)
+    engine = engine_of(position)
+    engine.step(5.0)
+    saved, fork, state = engine.fork(), engine.fork(), engine.save_state()
+    shared = [region.compiled.data is other.compiled.data for region, other in _pairs_of_regions(engine, fork)]
+    assert all(shared)
+    thing = next(each for each in position.bodies if each.id.endswith(".0"))
+    force = (60.0 * (thing.physics.mass_kg or 0.0), 0.0, 0.0)
+    before = engine.poses()[1]
+    for each in (engine, fork):
+        each.apply_force(thing.id, force)
+        each.step(0.3)
+        np.testing.assert_array_equal(saved.poses()[1], before)
+    assert np.abs(engine.poses()[1] - before).max() > 0.01
+    np.testing.assert_array_equal(engine.poses()[1], fork.poses()[1])
+    for each in (saved, engine):
+        each.restore_state(state)
+        np.testing.assert_array_equal(each.poses()[1], before)
+        each.apply_force(thing.id, force)
+        each.step(0.3)
+        np.testing.assert_array_equal(each.poses()[1], fork.poses()[1])
+    some = [region.compiled.data is other.compiled.data for region, other in _pairs_of_regions(engine, fork)]
+    assert any(some)
+    assert not all(some)
+
+
+def _pairs_of_regions(one: MujocoEngine, other: MujocoEngine) -> list[tuple[Region, Region]]:
+    return list(zip(one._cache.regions, other._cache.regions, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_rests_on_kinematic_furniture_falls_when_that_is_put_elsewhere_at_once(seed: int) -> None:
+    """Until then that is fixed, and part of no region."""
+    rng = np.random.default_rng(seed)
+    tables = [body(f"table{n}", (1.5 * n, 0, 0.35), (1.0, 1.0, 0.7), "kinematic") for n in range(8)]
+    things = [
+        _box(f"thing{n}.{m}", (1.5 * n + float(rng.uniform(-0.3, 0.3)), 0.2 * m, 0.7), np.full(3, 0.1), 1.0)
+        for n in range(8)
+        for m in range(3)
+    ]
+    engine = engine_of(world(body("floor", (5, 0, -0.05), (60, 60, 0.1)), *tables, *things))
+    engine.step(3.0)
+    assert len(engine._cache.regions) > 2
+    for number in rng.permutation(8)[:4].tolist():
+        engine.apply(SetPoses({BodyId(f"table{number}"): Pose((1.5 * number, 10.0, 0.35))}))
+        engine.step(1.5)
+        for m in range(3):
+            assert current_pose(engine, f"thing{number}.{m}")[2] == pytest.approx(0.05, abs=1e-3), (number, m)
+    still = [id for id in engine.poses()[0] if "thing" in id and current_pose(engine, id)[2] > 0.7]
+    assert len(still) == 12
+
+
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed > 13)) for seed in range(9, 60)])
+def test_after_any_edits_of_furniture_things_are_as_high_as_in_one_model(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tables of all mobilities, with things on them, are put elsewhere, deleted, fixed, loosened, and attached to."""
+    monkeypatch.setattr(regions, "_MAX_SINGLE_BODIES", 0)
+    rng = np.random.default_rng(seed)
+    position, edits = _tables_and_edits(rng)
+    heights = []
+    for whole in (False, True):
+        monkeypatch.setattr(regions, "REGION_BODIES", 300 if whole else 4)
+        engine = engine_of(position, whole=whole)
+        engine.step(2.0)
+        heights.append(list[Array]())
+        for edit in edits:
+            engine.apply(edit)
+            engine.step(1.5)
+            heights[-1].append(engine.poses()[1][:, 2])
+        assert whole or len(engine._cache.regions) > 2
+    for edit, parts, one in zip(edits, *heights, strict=True):
+        np.testing.assert_allclose(parts, one, atol=0.005, err_msg=edit.label)
+
+
+def _tables_and_edits(rng: np.random.Generator) -> tuple[World, list[Edit]]:
+    mobilities = rng.choice(["static", "kinematic", "dynamic"], 7)
+    bodies = [body("floor", (6, 0, -0.05), (80, 80, 0.1))]
+    for n, mobility in enumerate(mobilities.tolist()):
+        bodies.append(body(f"table{n}", (2.0 * n, 0, 0.2), (1.0, 1.0, 0.4), mobility, 20.0))
+        for m, (x, y) in enumerate(rng.uniform(-0.05, 0.05, (3, 2)).tolist()):
+            foot = (2.0 * n + 0.3 * (m - 1) + x, 6.0 * y, 0.4)
+            bodies.append(
+                _box(f"thing{n}.{m}", foot, np.full(3, rng.uniform(0.06, 0.15)), float(10 ** rng.uniform(-1, 1)))
+            )
+    edits, left, held = list[Edit](), set(range(7)), dict[BodyId, BodyId]()
+    for away in range(8):
+        n = int(rng.choice(sorted(left)))
+        table, thing = BodyId(f"table{n}"), BodyId(f"thing{n}.{rng.integers(3)}")
+        kind = rng.choice(["away", "away", "nudge", "delete", "physics", "attach", "detach", "thing"])
+        if kind == "away":
+            edits.append(SetPoses({table: Pose((2.0 * n, 20.0 + 2.0 * away, 0.2))}))
+        elif kind == "nudge":
+            edits.append(SetPoses({table: Pose((2.0 * n, 0.02, 0.2))}))
+        elif kind == "delete" and len(left) > 2:
+            left.remove(n)
+            edits.append(Delete((table,)))
+        elif kind == "physics":
+            mobility = Mobility(str(rng.choice(["static", "kinematic", "dynamic"])))
+            edits.append(SetPhysics(table, BodyPhysics(mobility=mobility, mass_kg=20.0)))
+        elif kind == "attach" and thing not in held:
+            held[thing] = table
+            edits.append(Attach(table, thing))
+        elif kind == "detach" and held:
+            edits.append(Detach(held.popitem()[0]))
+        elif kind == "thing":
+            edits.append(SetPoses({thing: Pose((2.0 * n + 0.2, -10.0 - 2.0 * away, 0.3))}))
+    return world(*bodies), edits

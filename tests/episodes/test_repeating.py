@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
@@ -16,11 +17,12 @@ from mindstage.episodes.repeating import repeat_edits
 from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, find_robot
 from mindstage.scene import BodyId, Pose, diff
-from mindstage.scene.edits import SetPoses, edit_to_json
+from mindstage.scene.edits import Delete, Edit, SetPoses, Spawn, edit_to_json
 from mindstage.simulation import Simulation
 from tests.engines.contract import apply_force_for
 from tests.engines.scenes import body, prismatic_joint, world
 from tests.kitchenette import kitchenette
+from tests.viewer.waiting import wait_until
 
 MUG, DRAWER, FRIDGE = BodyId("Mug"), BodyId("Drawer"), BodyId("Fridge")
 
@@ -86,6 +88,70 @@ def test_a_recording_of_a_world_of_several_regions_gives_the_same_bits_again(
             assert counts > 2
             poses.append(sim.state.poses)
     assert float(poses[0][2][0]) > 0.3, "the ram has pushed the row"
+    np.testing.assert_array_equal(*poses)
+
+
+@pytest.mark.parametrize("is_played", [False, True])
+def test_overlapping_pairs_and_regions_of_a_recording_give_the_same_bits_again(
+    is_played: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bodies are added inside others, leave them, and are pushed against them, from one region to the next.
+
+    While time passes by itself, edits are made at any time; with each one, the time is recorded at which it was made,
+    which is that of the change of the models.
+    """
+    monkeypatch.setattr(regions, "REGION_BODIES", 5)
+    row = [body(f"box{n}", (0.5 * n, 0.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for n in range(20)]
+    rail, arm = body("rail", (0, -1.0, 0.2), (0.1,) * 3), body("arm", (0, -1.0, 0.5), (0.6, 0.04, 0.04), "dynamic", 1.0)
+    position = world(
+        body("floor", (5, 0, -0.05), (30, 20, 0.1)), body("ram", (-0.5, 0, 0.1), (0.2,) * 3, "kinematic"), *row,
+        rail, arm, prismatic_joint("slide", "rail", "arm", (0, -1.0, 0.5)),
+    )  # fmt: skip
+
+    def edits() -> Iterator[Edit]:
+        block = body("block", (0.37, -1.0, 0.5), (0.2, 0.2, 0.2))
+        inside = body("inside", (4.6, 0.0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0)  # two of the row
+        yield Spawn(world(block, inside), settle=False)
+        for cycle in range(12):
+            yield SetPoses({BodyId("ram"): Pose((-0.5 + 0.08 * cycle, 0.0, 0.1))})
+            if cycle == 5:
+                yield SetPoses({BodyId("arm"): Pose((-0.2, -1.0, 0.5))})
+                yield Delete((BodyId("box17"),))
+            if cycle == 8:
+                yield SetPoses({BodyId("inside"): Pose((4.5, 1.0, 0.1))})
+
+    def pairs(sim: Simulation) -> set[tuple[str, str]]:
+        return sim.engine.run(lambda engine: set(engine._cache.builder.collision_filter.temporary_pairs))  # type: ignore[attr-defined]
+
+    poses, left, seen, times = [], [], set[tuple[str, str]](), []
+    for again in (False, True):
+        with Simulation(KnowledgeBase(), MujocoEngine(), primitive_shapes=True, timeout_s=60.0) as sim:
+            sim.spawn(position)
+            if again:
+                with Episode(tmp_path / "run.mcap") as episode:
+                    repeat_edits(episode, sim)
+                sim.step(round(times[0] - sim.state.time_s, 9))
+            else:
+                with Recorder(sim, tmp_path / "run.mcap"):
+                    for each in edits():
+                        if is_played:
+                            sim.play()
+                            reached_s = sim.state.time_s + 0.02
+                            wait_until(lambda due=reached_s: sim.state.time_s >= due, "time passes")
+                        else:
+                            sim.step(0.03)
+                        sim.apply(each)
+                        seen |= pairs(sim)
+                    sim.pause()
+                    sim.step(0.5)
+            times.append(sim.state.time_s)
+            assert sim.engine.run(lambda engine: len(engine._cache.regions)) > 2  # type: ignore[attr-defined]
+            left.append(pairs(sim))
+            poses.append(sim.state.poses)
+    assert ("arm", "block") in seen
+    assert any("inside" in pair for pair in seen)
+    assert left == [set(), set()], "they were apart"
+    assert times[0] == times[1]
     np.testing.assert_array_equal(*poses)
 
 

@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 
 from mindstage.knowledge import KnowledgeBase
-from mindstage.maps import UnitConventions, lost_statements, save_map
+from mindstage.maps import UnitConventions, bundled_kitchen, lost_statements, save_map
+from mindstage.maps.dialects import body_boxes
+from mindstage.maps.dialects.mesh_pivots import PivotChoice
+from mindstage.rdf.graphs import Finding
 from mindstage.scene import World
+from mindstage.scene.bounding_boxes import Indices, OrientedBoxes
 from tests.maps.logged_homes import generated_home
 from tests.maps.logged_maps import LoggedBody, individual_id, logged_map, yaw
 from tests.maps.small_maps import assert_worlds_equal, knowledge_base_from
@@ -218,3 +222,29 @@ def test_plates_that_lean_in_a_rack_stay_round(read: Read) -> None:
     (finding,) = [each for each in knowledge.findings() if each.individual.endswith("ClassicPlate")]
     assert "no round box has the world-aligned bounds" in finding.problem
     assert "0.16 x 0.16 x 0.008 m, which is used" in finding.action
+
+
+def test_pivots_of_a_large_map_are_decided_once_unless_the_file_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    decided = list[int]()
+    original = body_boxes.find_pivots
+
+    def counted(boxes: OrientedBoxes, classes: Indices, links: Indices) -> list[PivotChoice]:
+        decided.append(len(classes))
+        return original(boxes, classes, links)
+
+    def world() -> tuple[World, tuple[Finding, ...]]:
+        knowledge = KnowledgeBase()
+        knowledge.load([bundled_kitchen()])
+        return knowledge.world(), knowledge.findings()
+
+    monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path))
+    monkeypatch.setattr(body_boxes, "find_pivots", counted)
+    first = world()
+    assert world() == first
+    assert len(decided) == 1
+    for file in (tmp_path / "pivots").iterdir():
+        file.write_bytes(file.read_bytes()[:-9])
+    assert world() == first
+    assert len(decided) == 2

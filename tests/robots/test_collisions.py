@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 import mindstage as ms
+from mindstage.engines.mujoco import MujocoEngine, regions
 from mindstage.engines.mujoco.mujoco_kinematics import ContactModel
-from mindstage.robots.collisions import CollisionChecker
+from mindstage.robots.collisions import Collision, CollisionChecker, HandChecker, find_part_collision
 from mindstage.robots.planning import plan_path
 from mindstage.robots.robot_kinematics import RobotKinematics
-from mindstage.scene import BodyId, Mobility, Pose
+from mindstage.scene import Body, BodyId, Iri, Joint, Mobility, Pose, World
 from mindstage.scene.edits import Attach, SetPoses
+from tests.engines.scenes import prismatic_joint, revolute_joint
 from tests.kitchenette import kitchenette
 from tests.robots.rooms import box, contacts_with, joint_array, reaching, robot_in
 
@@ -213,3 +215,93 @@ def test_own_links_keep_apart_but_those_of_a_telescope_are_closer() -> None:
         first = next(found for found in turned if found is not None)
         assert {first.part, first.obstacle} == {robot.link_ids["link_arm_l0"], robot.link_ids["link_straight_gripper"]}
         assert 0.0005 < first.distance_m < first.least_m
+
+
+def hall(rng: np.random.Generator, places: int = 60) -> tuple[list[Body], list[Joint]]:
+    """Tables with boxes on them, cabinets with doors, and chests with drawers, along a hall of 60 m."""
+    bodies, joints = list[Body](), list[Joint]()
+    for n in range(places):
+        x, y = float(n - places / 2 + rng.uniform(-0.2, 0.2)), float(rng.choice([-1.2, 1.2]))
+        side = float(np.sign(y))
+        kind = rng.choice(["table", "door", "drawer", "loose"])
+        if kind == "table":
+            bodies.append(box(f"table{n}", (x, y, 0.4), (0.6, 0.8, 0.8)))
+            bodies.append(box(f"cup{n}", (x, y - side * 0.2, 0.86), (0.08, 0.08, 0.12), Mobility.DYNAMIC, 0.3))
+        elif kind == "loose":
+            size = tuple(rng.uniform(0.15, 0.5, 3).tolist())
+            bodies.append(box(f"box{n}", (x, y * 0.8, size[2] / 2), size, Mobility.DYNAMIC, 3.0))
+        else:
+            part, size = (f"{kind}{n}", (0.5, 0.02, 0.7) if kind == "door" else (0.45, 0.5, 0.15))
+            front = y - side * (0.31 if kind == "door" else 0.02)
+            bodies.append(box(f"case{n}", (x, y + side * 0.05, 0.4), (0.55, 0.6, 0.8 if kind == "door" else 0.3)))
+            bodies.append(box(part, (x, front, 0.4 if kind == "door" else 0.65), size, Mobility.DYNAMIC, 2.0))
+            at = (x - 0.25, front, 0.4) if kind == "door" else (x, front, 0.65)
+            make = revolute_joint if kind == "door" else prismatic_joint
+            joints.append(make(f"joint{n}", f"case{n}", part, at))
+            if kind == "door" and rng.random() < 0.5:
+                bodies.append(box(f"post{n}", (x + 0.1, front - side * 0.2, 0.5), (0.05, 0.05, 1.0)))
+    return bodies, joints
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_in_a_world_of_many_regions_verdicts_are_those_of_one_model_of_all(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The referee compiles the whole world; the robot stands anywhere, moves its arm and holds something."""
+    monkeypatch.setattr(regions, "REGION_BODIES", 8)
+    rng = np.random.default_rng(seed)
+    bodies, joints = hall(rng)
+    position = World(iri=Iri("http://example.org/room#hall"), bodies=tuple(bodies), joints=tuple(joints))
+    rod = box("rod", (-29.0, 3.0, 1.0), (0.3, 0.02, 0.02), Mobility.DYNAMIC, 0.1, floats=True)
+    with robot_in(rod, at=(-29.0, 0.0, 0.0), floor=(80.0, 8.0)) as robot:
+        assert not robot.session.spawn(position).failed_joints
+        x, y, z = robot.link_pose("gripper_link")[:3].tolist()
+        robot.session.apply(SetPoses({BodyId("rod"): Pose((x + 0.2, y, z))}))
+        robot.session.apply(Attach(robot.link_ids["gripper_link"], BodyId("rod")))
+        robot.session.step(0.1)
+        arm, gripper = robot.model.arms[0].joints, robot.model.grippers[0]
+
+        def checkers() -> tuple[CollisionChecker, HandChecker]:
+            return CollisionChecker(robot, joints=arm, base_moves=True), HandChecker(robot, gripper)
+
+        def stops() -> list[tuple[int, Collision] | None]:
+            ways = {each: np.linspace(0.0, -1.0 if "door" in each.child else 0.4, 9).tolist() for each in joints}
+            return [find_part_collision(robot, [each.child], each.id, way) for each, way in ways.items()]
+
+        near, near_hand = checkers()
+        near_stops = stops()
+        monkeypatch.setattr(MujocoEngine, "compiled_near", lambda engine, ids, **options: engine.compiled())
+        far, far_hand = checkers()
+        far_stops = stops()
+        monkeypatch.undo()
+        limits = np.array([RobotKinematics(robot.model).limits(joint) for joint in arm]).clip(-3.0, 3.0)
+        fingers = dict(zip(gripper.joints, gripper.open_positions, strict=True))
+        verdicts, counts = list[bool](), list[int]()
+        for number in range(80):
+            if number % 20 == 10:
+                opened, position_m = joints[rng.integers(len(joints))].id, float(rng.uniform(-0.6, 0.6))
+                for checker in (near, far, near_hand, far_hand):
+                    checker.set_joint(opened, position_m)
+            values = rng.uniform(limits[:, 0], limits[:, 1]) if number % 2 else np.array(near.start)
+            base = (float(rng.uniform(-30.0, 30.0)), float(rng.uniform(-0.9, 0.9)), float(rng.uniform(-3.0, 3.0)))
+            expected = far.find(values, base)
+            assert_same(near.find(values, base), expected)
+            verdicts.append(expected is None)
+            counts.append(len(near._vicinities.last.ids))
+            hand = Pose(tuple(rng.uniform((-30.0, -1.2, 0.3), (30.0, 1.2, 1.2)).tolist()))
+            assert_same(near_hand.find(hand, fingers), far_hand.find(hand, fingers))
+        assert 10 < sum(verdicts) < 70
+        assert len(set(counts)) > 5
+        assert np.median(counts) < len(far._vicinities.last.ids) * 0.6, "30 are the robot's own links"
+        for found, stop in zip(near_stops, far_stops, strict=True):
+            assert_same(None if found is None else found[1], None if stop is None else stop[1])
+            assert found is None or stop is None or found[0] == stop[0]
+        assert any(stop is not None for stop in far_stops)
+
+
+def assert_same(found: Collision | None, expected: Collision | None) -> None:
+    if found is None or expected is None:
+        assert found == expected
+    else:
+        assert (found.part, found.obstacle) == (expected.part, expected.obstacle)
+        assert found.distance_m == pytest.approx(expected.distance_m, abs=1e-9)

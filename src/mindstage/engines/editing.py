@@ -154,7 +154,8 @@ class EditingEngine(ABC):
         ends = {end for link in links_of(world) for end in (link.parent, link.child)}
         kept = {*edit.bodies, *ends}
         decisions, geometry = self._decisions(edit.bodies)
-        poses = {id: pose_row(row) for id, row in self._rows().items() if id in kept}
+        ids, rows = self._engine.poses()
+        poses = {id: pose_row(rows[row]) for row, id in enumerate(ids) if id in kept}
         return RestoreBodies(world, poses, decisions, geometry=geometry)
 
     def _attachment_inverse(self, child: BodyId, entities: EntityRegistry) -> Edit:

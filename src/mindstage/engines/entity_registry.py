@@ -86,6 +86,7 @@ class EntityRegistry:
         self._children: dict[BodyId, dict[BodyId, None]] = {}  # dict as ordered set
         self._worlds: list[World] = []
         self._ids: tuple[BodyId, ...] | None = None
+        self._rows: dict[BodyId, int] | None = None
 
     def copy(self) -> EntityRegistry:
         """An independent copy; the values are frozen and shared."""
@@ -95,6 +96,7 @@ class EntityRegistry:
         twin._children = {parent: dict(children) for parent, children in self._children.items()}
         twin.immovable = set(self.immovable)
         twin._worlds, twin._ids = list(self._worlds), self._ids
+        twin._rows = self._rows
         return twin
 
     @property
@@ -103,6 +105,13 @@ class EntityRegistry:
         if self._ids is None:
             self._ids = tuple(self.bodies)
         return self._ids
+
+    @property
+    def rows(self) -> dict[BodyId, int]:
+        """The place of each body in `ids`, not to be changed; the same object until one is added or removed."""
+        if self._rows is None:
+            self._rows = dict(zip(self.ids, range(len(self.bodies)), strict=True))
+        return self._rows
 
     def body(self, id: BodyId) -> Body:
         """Returns the body with an id.
@@ -161,7 +170,9 @@ class EntityRegistry:
                 self._link(attachment.parent, attachment.child)
                 added.attachments.append(attachment.child)
         self._worlds.append(msgspec.structs.replace(world, bodies=(), joints=(), attachments=(), lights=()))
-        self._ids = None
+        new = range(len(self.bodies) - len(added.bodies), len(self.bodies))
+        known = self._rows
+        self._ids, self._rows = None, None if known is None else known | dict(zip(added.bodies, new, strict=True))
         return added
 
     def _id_error(self, id: BodyId) -> str:
@@ -267,7 +278,7 @@ class EntityRegistry:
         self.joints = {
             id: joint for id, joint in self.joints.items() if joint.parent not in removed and joint.child not in removed
         }
-        self._ids = None
+        self._ids = self._rows = None
 
     def require_free(self, ids: Iterable[BodyId]) -> None:
         """Checks that ids are not in use.
@@ -290,11 +301,11 @@ class EntityRegistry:
             iri=self._worlds[0].iri if self._worlds else Iri(""),
             name=self._worlds[0].name if self._worlds else "",
             bodies=tuple(found.values()),
-            joints=tuple(each for each in self.joints.values() if found.keys() & {each.parent, each.child}),
+            joints=tuple(each for each in self.joints.values() if each.parent in found or each.child in found),
             attachments=tuple(
                 Attachment(parent=parent, child=child)
                 for child, parent in self.parents.items()
-                if found.keys() & {parent, child}
+                if parent in found or child in found
             ),
         )
 
@@ -323,7 +334,7 @@ class EntityRegistry:
             if not self._attachment_error(attachment):
                 self._link(attachment.parent, attachment.child)
                 children.add(attachment.child)
-        self._ids = None
+        self._ids = self._rows = None
         return joints, children
 
     # -- snapshot --------------------------------------------------------------------------------------------

@@ -208,11 +208,10 @@ class KinematicForest:
 
     def without_single_bodies(self, ids: Collection[BodyId]) -> KinematicForest:
         """The forest without some bodies that are neither attached nor on joints."""
-        return replace(
-            self,
-            groups={root: group for root, group in self.groups.items() if root not in ids},
-            root_of={id: root for id, root in self.root_of.items() if id not in ids},
-        )
+        groups, root_of = self.groups.copy(), self.root_of.copy()
+        for id in ids:
+            del groups[id], root_of[id]
+        return replace(self, groups=groups, root_of=root_of)
 
     def part(self, roots: Iterable[BodyId], *, fixed: Collection[BodyId]) -> KinematicForest:
         """Some of the groups, with the joints between them.

@@ -427,7 +427,7 @@ class PhysicsModelBuilder:
         collision_notes, loose = self._decide_collisions(set(added.bodies), poses, settles=edit.settle)
         notes += collision_notes
         moved = self._settle(loose, set(added.bodies), poses, notes) if loose.pairs else {}
-        rows = {id: row for row, id in enumerate(self.registry.ids)} if moved else {}
+        rows = self.registry.rows
         before = {id: poses[rows[id]].copy() for id in moved if id not in added.bodies}
         for id, pose in moved.items():
             poses[rows[id]] = pose
@@ -534,7 +534,7 @@ class PhysicsModelBuilder:
 
     def _attach(self, parent: BodyId, child: BodyId, poses: Array) -> None:
         self.registry.attach(parent, child)
-        rows = [self.registry.ids.index(id) for id in (parent, child)]
+        rows = [self.registry.rows[id] for id in (parent, child)]
         self.attachment_poses[child] = pose_multiply(pose_inverse(poses[rows[0]]), poses[rows[1]])
         self._forest = None
 
@@ -564,7 +564,7 @@ class PhysicsModelBuilder:
         """Updates the attachment of a body that is moved to a target pose."""
         parent = self.forest.rigid_parents.get(id)
         if parent is not None:
-            self.attachment_poses[id] = pose_multiply(pose_inverse(poses[self.registry.ids.index(parent)]), target)
+            self.attachment_poses[id] = pose_multiply(pose_inverse(poses[self.registry.rows[parent]]), target)
 
     def update_collisions(self, poses: Array) -> None:
         """Updates collision decisions after edits; appends to `late_notes`."""
@@ -637,7 +637,7 @@ class PhysicsModelBuilder:
         """Records poses of attached children in their parents, and joint frames in both bodies."""
         if not (added.attachments or added.joints):
             return
-        rows = {id: row for row, id in enumerate(self.registry.ids)}
+        rows = self.registry.rows
         holders = [rows[self.registry.parents[child]] for child in added.attachments]
         children = [rows[child] for child in added.attachments]
         self.attachment_poses.update(

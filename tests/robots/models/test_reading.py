@@ -25,7 +25,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.robots import add_robot, drives
 from mindstage.robots.abilities import profile_of_model
 from mindstage.robots.collisions import CollisionChecker
-from mindstage.robots.models import catalog
+from mindstage.robots.models import catalog, reading
 from mindstage.robots.models.catalog import find_model, list_models
 from mindstage.robots.models.forward_kinematics import link_poses, rest_positions
 from mindstage.robots.models.reading import load_model
@@ -928,15 +928,20 @@ IN_A_CHANNEL = """
 LIMIT = '<limit lower="-1.2" upper="1.2" effort="1" velocity="1"/>'
 
 
-def test_an_arm_moves_in_the_hollow_of_a_torso_and_not_through_its_walls(tmp_path: Path) -> None:
-    (tmp_path / "channel.obj").write_text(channel())
+def arm_in_a_channel(folder: Path) -> str:
+    """A robot whose arm moves in the hollow of its torso; writes the mesh of that."""
+    (folder / "channel.obj").write_text(channel())
     small, more = BOX.replace("0.1 0.1 0.1", "0.02 0.02 0.02"), ""
     for parent, child in pairwise(("bar", "l1", "l2", "l3")):
         more += (
             f'<link name="{child}">{small}</link><joint name="{child}_j" type="revolute"><parent link="{parent}"/>'
             f'<child link="{child}"/><origin xyz="0.2 0 0"/><axis xyz="0 1 0"/>{LIMIT}</joint>'
         )
-    path = written(tmp_path, IN_A_CHANNEL.format(box=BOX, more=more, limit=LIMIT))
+    return IN_A_CHANNEL.format(box=BOX, more=more, limit=LIMIT)
+
+
+def test_an_arm_moves_in_the_hollow_of_a_torso_and_not_through_its_walls(tmp_path: Path) -> None:
+    path = written(tmp_path, arm_in_a_channel(tmp_path))
     hull = load_model(path, cache=tmp_path / "cache")
     assert ("bar", "torso") in hull.disabled_collisions, "they always touch by their hulls, as for MoveIt"
     model = load_model(path, cache=tmp_path / "cache", divide=True)
@@ -950,6 +955,32 @@ def test_an_arm_moves_in_the_hollow_of_a_torso_and_not_through_its_walls(tmp_pat
     assert hit is not None
     assert {str(hit.part), str(hit.obstacle)} == {"bar", "torso"}
     sim.close()
+
+
+def test_what_touches_is_computed_once_for_each_robot_unless_the_file_is_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed = list[int]()
+    original = reading.touching_shares
+
+    def counted(*args: object, **options: object) -> dict[tuple[str, str], float]:
+        computed.append(1)
+        return original(*args, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setenv("MINDSTAGE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(reading, "touching_shares", counted)
+    text = arm_in_a_channel(tmp_path)
+    first, again = (load_model(written(tmp_path, text)) for _ in range(2))
+    known = len(computed)
+    assert known > 0
+    assert (first.disabled_collisions, first.notes) == (again.disabled_collisions, again.notes)
+    turned = load_model(written(tmp_path, text.replace('lower="-1.2" upper="1.2"', 'lower="1.1" upper="1.2"', 1)))
+    assert len(computed) == known + 1, "another range of a joint"
+    assert turned.joints != first.joints
+    for file in (tmp_path / "cache" / "self-contacts").iterdir():
+        file.write_bytes(b"[[")
+    assert load_model(written(tmp_path, text)).disabled_collisions == first.disabled_collisions
+    assert len(computed) == known + 2
 
 
 # -- the catalog -------------------------------------------------------------------------------------------------------

@@ -368,8 +368,10 @@ class MujocoEngine(EditingEngine):
         return self._require_open().model()
 
     @checked
-    def compiled_near(self, ids: Collection[BodyId], *, within_m: Length) -> CompiledModel:
-        """A model of what is within a distance of the box around some bodies, with its state.
+    def compiled_near(
+        self, ids: Collection[BodyId], *, within_m: Length, boxes: Iterable[PoseArray] = ()
+    ) -> CompiledModel:
+        """A model of what is within a distance of the box around some bodies, or in other boxes, with its state.
 
         For a world with one region it is the result of `compiled`. Otherwise it is made for the call, and costs what is
         near: other bodies are not in it, and those of kinematic trees are, wherever their parts are.
@@ -377,8 +379,29 @@ class MujocoEngine(EditingEngine):
         Args:
             ids: the bodies.
             within_m: the distance [m].
+            boxes: lower and upper corners of the boxes, 2 x 3 each [m].
         """
-        return self._require_open().model_near(ids, within_m)
+        return self._require_open().model_near(ids, within_m, boxes)
+
+    def bounds(self, ids: Iterable[BodyId]) -> Array:
+        """The axis-aligned box around some bodies, 2 x 3: lower and upper corner [m].
+
+        Args:
+            ids: the bodies; the id of a joint stands for those of its ends that can move.
+
+        Raises:
+            KeyError: there is no such body or joint.
+        """
+        cache = self._require_open()
+        joints, forest = cache.registry.joints, cache.forest
+
+        def bodies(id: BodyId) -> Iterable[BodyId]:
+            if id not in joints:
+                return (id,)
+            ends = joints[id].parent, joints[id].child
+            return [end for end in ends if forest.groups[forest.root_of[end]].is_dynamic] or ends
+
+        return cache.bounds(body for id in ids for body in bodies(id))
 
     def join_regions(self) -> None:
         """Simulates the whole world in one model from now on, however large it is."""

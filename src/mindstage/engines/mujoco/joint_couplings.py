@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from mindstage.scene.bounding_boxes import connected_groups
 from mindstage.scene.transforms import Array
 
 __all__ = ["JointCoupling", "joint_couplings", "tendon_joints"]
@@ -218,16 +218,10 @@ def tendon_joints(model: Any, tendon: int) -> dict[int, float]:
 
 def _groups(slopes: Array) -> Iterator[list[int]]:
     """The columns that rows connect."""
-    used: NDArray[np.bool_] = np.abs(slopes) > _RANK_TOLERANCE
-    waiting = set(np.flatnonzero(used.any(axis=0)).tolist())
-    while waiting:
-        group, last = {min(waiting)}, set[int]()
-        while group != last:
-            last = set(group)
-            rows = used[:, sorted(group)].any(axis=1)
-            group |= set(np.flatnonzero(used[rows].any(axis=0)).tolist())
-        waiting -= group
-        yield sorted(group)
+    rows, columns = np.nonzero(np.abs(slopes) > _RANK_TOLERANCE)
+    group = connected_groups(slopes.shape[1], columns[np.searchsorted(rows, rows)], columns)
+    for number in np.unique(group[columns]).tolist():
+        yield np.flatnonzero(group == number).tolist()
 
 
 def _rounded(number: float) -> float:

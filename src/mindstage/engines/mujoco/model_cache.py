@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import time
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from itertools import chain, islice
 
 import numpy as np
@@ -148,19 +149,18 @@ class ModelCache:
             compiled.update_poses()
         return compiled
 
-    def model_near(self, ids: Collection[BodyId], within_m: float) -> CompiledModel:
-        """The current model of what is within a distance of the box around some bodies; see `MujocoEngine`."""
+    def model_near(self, ids: Collection[BodyId], within_m: float, boxes: Iterable[Array]) -> CompiledModel:
+        """The current model of what is near some bodies or in some boxes; see `MujocoEngine.compiled_near`."""
         self.update()
         if self.tables is None or self._is_whole():
             return self.model()
-        reach = self.bounds(ids) + np.array([[-within_m], [within_m]])
-        found = self.tables.unit_of[box_meets(reach, self._boxes)]
+        self._update_awake_boxes(self.poses())
+        near = self.bounds(ids) + np.array([[-within_m], [within_m]])
+        within = np.any([box_meets(box, self._boxes) for box in (near, *boxes)], axis=0)
+        found = self.tables.unit_of[within]
         units = np.zeros(len(self.tables.unit_sizes), dtype=bool)
         units[found[found >= 0]] = True
-        low, high = (np.broadcast_to(corner, (len(units), 3)) for corner in reach)
-        return self._compile_region(
-            self.tables, self.poses(), units, np.zeros((0, 2, 3)), unit_boxes=(low, high)
-        ).compiled
+        return self._compile_region(self.tables, self.poses(), units, np.zeros((0, 2, 3)), within=within).compiled
 
     def join(self) -> None:
         """Makes the world one region, and keeps it one."""
@@ -200,9 +200,8 @@ class ModelCache:
 
     def _boxes_of(self, ids: Iterable[BodyId]) -> Array:
         """The axis-aligned box around each of some bodies, k x 2 x 3: lower and upper corner [m]."""
-        poses_by_id = self.poses_by_id()
-        selected = list(ids)
-        poses = np.array([poses_by_id[id] for id in selected]).reshape(-1, 7)
+        selected, rows = list(ids), self.registry.rows
+        poses = self.poses()[[rows[id] for id in selected]].reshape(-1, 7)
         return np.stack(OrientedBoxes.from_poses(poses, self.builder.mass_properties.sizes(selected)).bounds(), axis=1)
 
     def model_input(self, poses: Array | None = None) -> ModelInput:
@@ -248,9 +247,8 @@ class ModelCache:
         poses = pose_array(self.registry.bodies[id].pose for id in new_ids)
         poses[:, 3:] = normalize(poses[:, 3:])
         self._poses = np.concatenate([before, poses])
-        rows = {id: row for row, id in enumerate(self.registry.ids)} if performed.moved else {}
         for id, pose in performed.moved.items():
-            self._poses[rows[id]] = pose
+            self._poses[self.registry.rows[id]] = pose
         self._at_rest.update(performed.moved)
         self.stale = True
         return performed
@@ -260,9 +258,9 @@ class ModelCache:
         if not removed:
             return
         self._changed_boxes.append(self.bounds(removed))
-        poses, ids = self.poses(), self.registry.ids
+        poses, rows = self.poses(), [self.registry.rows[id] for id in removed]
         self.builder.remove(removed)
-        self._poses = poses[[id not in removed for id in ids]]
+        self._poses = np.delete(poses, rows, axis=0)
         self._at_rest -= removed
         self.stale = True
         for region in self.regions:  # a body spawned later with the same id is another body
@@ -294,14 +292,13 @@ class ModelCache:
 
     def _place(self, moving: list[BodyId], id: BodyId, target: Array) -> None:
         """Moves bodies, one of which gets a target pose, rigidly."""
-        current = self.poses_by_id()
+        current, row = self.poses(), self.registry.rows[id]
         self._changed_boxes.append(self.bounds(moving))
-        new_from_old = pose_multiply(target, pose_inverse(current[id]))
-        moved = pose_multiply(new_from_old, np.array([current[body] for body in moving]))
+        rows = [self.registry.rows[each] for each in moving]
+        moved = pose_multiply(pose_multiply(target, pose_inverse(current[row])), current[rows])
         moved[:, 3:] = normalize(moved[:, 3:])
-        rows = {each: row for row, each in enumerate(self.registry.ids)}
-        self._poses[[rows[each] for each in moving]] = moved
-        self._poses[rows[id]] = target
+        self._poses[rows] = moved
+        self._poses[row] = target
         self.stale = True
         self._at_rest.update(moving)
         self._changed_boxes.append(self.bounds(moving))
@@ -382,10 +379,8 @@ class ModelCache:
             with compiled.at_physical_poses():
                 pressed = compiled.pressed_trees()
                 for group in compiled.fast_groups(_MIN_FAST_SPEED):
-                    tree = compiled.model.body_treeid[compiled.body_ids[group.root]]
-                    if (
-                        tree not in pressed or group.root in before
-                    ):  # stiff contacts throw out what is deep in soft ones
+                    is_pressed = compiled.model.body_treeid[compiled.body_ids[group.root]] in pressed
+                    if group.root in before or not is_pressed:  # stiff contacts throw out what is deep in soft ones
                         self._check_fast(region, group)
 
     def _check_fast(self, region: Region, group: FastGroup) -> None:
@@ -509,11 +504,16 @@ class ModelCache:
             everything = np.ones(len(tables.unit_sizes), dtype=bool)
             regions = [self._compile_region(tables, poses, everything, changed_boxes, is_whole=True)]
         else:
-            if not tables.kept:
+            known = self.regions, self._boxes
+            self.regions = [replace(region) for region in self.regions]
+            try:
                 for region in self.regions:
-                    region.use_rows(tables.rows)
-            self._update_boxes(tables, poses)
-            regions = self._divide(tables, before, poses, changed_boxes)
+                    region.use_rows(tables)
+                self._update_boxes(tables, before, poses)
+                regions = self._divide(tables, before, poses, changed_boxes)
+            except EngineError:  # it is tried again after the next edit
+                self.regions, self._boxes = known
+                raise
         self.regions, self.tables, self.stale = regions, tables, False
         self._at_rest, self._changed_boxes = set(), []
 
@@ -540,27 +540,36 @@ class ModelCache:
             ):
                 is_here = np.zeros(len(tables.unit_sizes), dtype=bool)
                 is_here[units] = True
-                region = self._compile_region(tables, poses, is_here, changed_boxes)
+                region = self._compile_region(tables, poses, is_here, changed_boxes, unit_boxes=unit_boxes)
             regions.append(region)
         return regions
 
-    def _update_boxes(self, tables: WorldTables, poses: Array) -> None:
+    def _update_boxes(self, tables: WorldTables, before: WorldTables | None, poses: Array) -> None:
         """Computes the boxes of the bodies that are new or were moved, and of those that may have moved since then."""
-        count = len(tables.ids)
-        if not tables.kept or len(self._boxes[0]) != tables.kept:
-            rows = np.arange(count)
-            self._boxes = np.empty((count, 3)), np.empty((count, 3))
-        else:
-            is_old = np.zeros(count, dtype=bool)
-            is_old[tables.kept :] = True
+        boxes = np.empty((len(tables.ids), 3)), np.empty((len(tables.ids), 3))
+        is_old = np.ones(len(tables.ids), dtype=bool)
+        if before is not None and tables.sources is not None and len(self._boxes[0]) == len(before.ids):
+            is_old = tables.sources < 0
+            for new, known in zip(boxes, self._boxes, strict=True):
+                new[~is_old] = known[tables.sources[~is_old]]
             is_old[[tables.rows[id] for id in self._at_rest]] = True
             for region in self.regions:
                 if not region.is_resting:
-                    is_old[region.rows[region.is_own]] = True
-            rows, added = np.flatnonzero(is_old), np.zeros((count - tables.kept, 3))
-            self._boxes = np.concatenate([self._boxes[0], added]), np.concatenate([self._boxes[1], added])
-        for known, new in zip(self._boxes, tables.boxes(poses, rows), strict=True):
+                    rows = region.rows[region.is_own]
+                    is_old[rows[rows >= 0]] = True
+        rows = np.flatnonzero(is_old)
+        for known, new in zip(boxes, tables.boxes(poses, rows), strict=True):
             known[rows] = new
+        self._boxes = boxes
+
+    def _update_awake_boxes(self, poses: Array) -> None:
+        """Computes the boxes of the bodies that may have moved since the last edit or check."""
+        assert self.tables is not None
+        for region in self.regions:
+            if not region.is_resting:
+                rows = region.rows[region.is_own]
+                for known, new in zip(self._boxes, self.tables.boxes(poses, rows), strict=True):
+                    known[rows] = new
 
     def _compile_region(
         self,
@@ -571,6 +580,7 @@ class ModelCache:
         *,
         is_whole: bool = False,
         unit_boxes: Boxes | None = None,
+        within: NDArray[np.bool_] | None = None,
     ) -> Region:
         """Compiles the model of some units, in the state that they have in the regions where they are.
 
@@ -581,6 +591,7 @@ class ModelCache:
             changed_boxes: boxes in which sleeping bodies wake up, k x 2 x 3 [m].
             is_whole: whether the region is the whole world.
             unit_boxes: boxes within which the units are for some time; by default their present ones.
+            within: whether each body is near enough to be in the model; by default those near the units.
         """
         bodies = tables.bodies_of(units)
         found = {id: region.compiled for region in self.regions for id in region.bodies & bodies}
@@ -593,7 +604,8 @@ class ModelCache:
         else:
             low, high = tables.unit_boxes(self._boxes) if unit_boxes is None else unit_boxes
             box = reach_of(low[units], high[units])
-            model_input = tables.region_input(self.builder, poses, self._timestep_s, units, box_meets(box, self._boxes))
+            is_near = box_meets(box, self._boxes) if within is None else within
+            model_input = tables.region_input(self.builder, poses, self._timestep_s, units, is_near)
         self._limited(model_input, *{id(each): each for each in owners.values()}.values())
         compiled = compile_model(model_input) if owners else stored_model(model_input)
         compiled.data.time = self._time_s
@@ -614,7 +626,7 @@ class ModelCache:
             scale_model(compiled, self.forest.root_of, scales)
         frozen = {id: poses[tables.rows[id]] for id in compiled.rows if id not in bodies and tables.moves(id)}
         region = Region(bodies, compiled, box, frozen, is_read=False)
-        region.use_rows(tables.rows)
+        region.use_rows(tables)
         return region
 
     def _hand_over(self) -> None:
@@ -622,14 +634,10 @@ class ModelCache:
         tables = self.tables
         if tables is None or self._is_whole():
             return
-        awake = [region for region in self.regions if not region.is_resting]
-        if not awake:
+        if all(region.is_resting for region in self.regions):
             return
         poses = self.poses()
-        for region in awake:
-            rows = region.rows[region.is_own]
-            for known, new in zip(self._boxes, tables.boxes(poses, rows), strict=True):
-                known[rows] = new
+        self._update_awake_boxes(poses)
         handovers = find_handovers(tables, self.regions, self._boxes, poses, MAX_UNCHECKED_STEPS * self._timestep_s)
         if not handovers.regions:
             return

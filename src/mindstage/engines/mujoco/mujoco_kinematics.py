@@ -192,6 +192,10 @@ class ContactModel:
         model.geom_conaffinity[:] = np.where(collides, _MOVING_BIT, 0)
         model.geom_margin[is_moving] = clearance_m
 
+    def has_joint(self, joint: BodyId) -> bool:
+        """Whether a joint is simulated in the model."""
+        return joint in self._compiled.joints
+
     def address(self, joint: BodyId) -> tuple[int, float]:
         """Where the position of a joint with one axis is in `data.qpos`, and its sign there.
 
@@ -311,6 +315,13 @@ class ContactModel:
 
     def _pose_of(self, body_id: int) -> Array:
         return np.concatenate([self.data.xpos[body_id], self.data.xquat[body_id]])
+
+    def moving_bounds(self) -> Array:
+        """The axis-aligned box around spheres about the geoms of `moving`, 2 x 3 [m]."""
+        rows = [self._compiled.rows[id] for id in self.moving]
+        geoms = np.isin(self._compiled.geom_rows, rows)
+        centers, radii = self.data.geom_xpos[geoms], self.model.geom_rbound[geoms, None]
+        return np.array([(centers - radii).min(axis=0), (centers + radii).max(axis=0)])
 
     def near_geoms(self) -> tuple[NDArray[np.intp], Array]:
         """The pairs of geoms that are nearer than the clearance, n x 2, and their distances [m]."""

@@ -15,7 +15,7 @@ import copy
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, compress, islice
-from operator import is_not
+from operator import is_, is_not
 from typing import Any, NamedTuple
 
 import mujoco
@@ -60,6 +60,8 @@ _FEW = 200_000
 
 Boxes = tuple[Array, Array]
 """Lower and upper corners of axis-aligned boxes, n x 3 each [m]."""
+_Partners = Mapping[BodyId, list[BodyId]]
+"""The second bodies of pairs by the first ones."""
 
 
 class WorldTables:
@@ -73,42 +75,51 @@ class WorldTables:
         Args:
             builder: the world.
             kinematics_driven: whether kinematic bodies are moved.
-            before: the tables before an edit, from which those of a world that has only grown are extended.
+            before: the tables before an edit, from which all is taken but bodies on their own that were added, deleted
+                or changed.
         """
         if len(builder.registry.ids) <= _MAX_SINGLE_BODIES:
             builder.order_forest()  # else it costs more than to compile what has changed
         self.kinematics_driven = kinematics_driven
         registry, self.forest = builder.registry, builder.forest
-        self.ids = registry.ids
+        self.ids, self.rows = registry.ids, registry.rows
         self.group_roots = list(self.forest.groups)
-        self.kept = 0 if before is None else before._kept_by(self)
-        """The number of first bodies that are the same as before, with the same rows, groups and units."""
-        known, new = {} if before is None or not self.kept else before.rows, self.ids[self.kept :]
-        self.rows: dict[BodyId, int] = {**known, **{id: self.kept + row for row, id in enumerate(new)}}
+        found = before._sources_in(self) if before is not None and before.ids else None
+        before = None if found is None else before
+        self.sources = None if found is None else found[0]
+        """The row in `before` of each body that is simulated as there, -1 for others; None if all are read anew."""
         self.overlapping = frozenset(builder.collision_filter.excluded_pairs | builder.given_excluded_pairs)
         self.jointed_pairs: frozenset[tuple[BodyId, BodyId]] = (
-            builder.jointed_pairs() if before is None or not self.kept else before.jointed_pairs
+            builder.jointed_pairs() if before is None else before.jointed_pairs
         )
+        self._jointed_partners: _Partners | None = None if before is None else before._jointed_partners
+        self._overlapping_partners: _Partners | None = None
         self.linked: frozenset[BodyId]
-        self._partners: dict[BodyId, list[BodyId]] | None
-        if before is not None and self.kept and before.overlapping == self.overlapping:
-            self.linked, self._partners = before.linked, before._partners
+        self.places = None if before is None or found is None else _inverse(found[0], len(before.ids))
+        """The row here of each body of `before`, -1 for those that are not here, and at the end."""
+        if before is not None and before.overlapping == self.overlapping:
+            self.linked, self._overlapping_partners = before.linked, before._overlapping_partners
         else:
-            joints = registry.joints.values()
-            self.linked = frozenset(chain(*self.overlapping, *((each.parent, each.child) for each in joints)))
-            self._partners = None
+            ends = ((each.parent, each.child) for each in registry.joints.values())
+            self.linked = frozenset(chain(*self.overlapping, *ends))
+        is_new = np.ones(len(self.ids), dtype=bool) if self.sources is None else self.sources < 0
+        new = [self.ids[row] for row in np.flatnonzero(is_new).tolist()]
         self.sizes = builder.mass_properties.sizes(new)
         self.local_centers, extents = builder.mass_properties.local_boxes(new)
         self.half_extents = extents / 2
-        if before is None or not self.kept:
+        self.group_of: Indices
+        """The number of the group of each body."""
+        self.unit_of_group: Indices
+        """The unit of each group, -1 for fixed ones."""
+        self.holders: Indices
+        """The units that fixed groups hold, and the numbers of these, n x 2."""
+        if before is None or found is None:
             numbers = {root: number for number, root in enumerate(self.group_roots)}
-            root_of = self.forest.root_of
-            self.group_of = np.fromiter((numbers[root_of[id]] for id in self.ids), dtype=np.intp, count=len(self.ids))
-            """The number of the group of each body."""
+            groups = (numbers[self.forest.root_of[id]] for id in self.ids)
+            self.group_of = np.fromiter(groups, dtype=np.intp, count=len(self.ids))
             self.unit_of_group, self.holders = self._units(numbers)
-            """The unit of each group, -1 for fixed ones; and the numbers of the fixed groups that hold units."""
         else:
-            self._extend(before)
+            self._take(before, *found)
         self.unit_of = self.unit_of_group[self.group_of]
         """The unit of each body, -1 for fixed ones."""
         self.unit_sizes = np.bincount(self.unit_of[self.unit_of >= 0])
@@ -119,33 +130,57 @@ class WorldTables:
         self._first = np.searchsorted(self.unit_of[self.moving], np.arange(len(self.unit_sizes)))
         self._described = _Described.of(builder)
 
-    def _kept_by(self, after: WorldTables) -> int:
-        """The number of bodies here if a world has the same ones, with the same groups, and others after them."""
-        is_extended = (
-            after.forest.tree_joints is self.forest.tree_joints  # else the forest was built anew
-            and after.kinematics_driven == self.kinematics_driven
-            and after.ids[: len(self.ids)] == self.ids
-            and after.group_roots[: len(self.group_roots)] == self.group_roots
-        )
-        return len(self.ids) if is_extended else 0
+    def _sources_in(self, after: WorldTables) -> tuple[Indices, Indices] | None:
+        """Where the bodies and groups of a world are here, -1 for new ones; None if attachments or joints differ."""
+        old, new = self.forest.groups, after.forest.groups
+        if (
+            after.forest.tree_joints is not self.forest.tree_joints  # then the forest was built anew
+            or after.kinematics_driven != self.kinematics_driven
+        ):
+            return None
+        sources = np.full(len(after.ids), -1, dtype=np.intp)
+        if len(old) <= len(new) and all(map(is_, old.values(), new.values())):
+            groups, rows, kept = np.arange(len(old)), np.arange(len(self.ids)), self.ids
+        else:
+            is_kept = np.fromiter(map(is_, map(new.get, old), old.values()), dtype=bool, count=len(old))
+            if not all(map(is_, compress(old.values(), is_kept), new.values())):
+                return None  # others come before them
+            groups, rows = np.flatnonzero(is_kept), np.flatnonzero(is_kept[self.group_of])
+            kept = tuple(compress(self.ids, is_kept[self.group_of]))
+        sources[slice(len(kept)) if after.ids[: len(kept)] == kept else [after.rows[id] for id in kept]] = rows
+        return sources, np.concatenate([groups, np.full(len(new) - len(groups), -1)])
 
-    def _extend(self, before: WorldTables) -> None:
-        """Adds bodies that are neither attached nor on joints to the tables of a world without them."""
-        first, count = len(before.group_roots), len(before.unit_sizes)
-        self.sizes = np.concatenate([before.sizes, self.sizes])
-        self.local_centers = np.concatenate([before.local_centers, self.local_centers])
-        self.half_extents = np.concatenate([before.half_extents, self.half_extents])
-        numbers = {root: first + number for number, root in enumerate(self.group_roots[first:])}
-        new = np.array([numbers[id] for id in self.ids[self.kept :]], dtype=np.intp)
-        self.group_of = np.concatenate([before.group_of, new])
-        groups = (self.forest.groups[root] for root in numbers)
+    def _take(self, before: WorldTables, sources: Indices, group_sources: Indices) -> None:
+        """Takes the bodies that are simulated as before; others are neither attached nor on joints.
+
+        Args:
+            before: the tables before.
+            sources: the row there of each body, -1 for new ones.
+            group_sources: the number there of each group, -1 for new ones.
+        """
+        is_new, group_is_new = sources < 0, group_sources < 0
+        for name in ("sizes", "local_centers", "half_extents"):
+            rows = np.empty((len(self.ids), 3))
+            rows[~is_new], rows[is_new] = getattr(before, name)[sources[~is_new]], getattr(self, name)
+            setattr(self, name, rows)
+        groups = _inverse(group_sources, len(before.group_roots))
+        self.group_of = groups[before.group_of[sources]]
+        new = {self.group_roots[number]: number for number in np.flatnonzero(group_is_new).tolist()}
+        self.group_of[is_new] = [new[self.ids[row]] for row in np.flatnonzero(is_new).tolist()]
+        groups_here = (self.forest.groups[root] for root in new)
         moves = np.array(
-            [not is_fixed_group(each, kinematics_driven=self.kinematics_driven) for each in groups], dtype=bool
+            [not is_fixed_group(each, kinematics_driven=self.kinematics_driven) for each in groups_here], dtype=bool
         )
-        units = np.where(moves, count - 1 + np.cumsum(moves), -1).astype(np.intp)
-        self.unit_of_group, self.holders = np.concatenate([before.unit_of_group, units]), before.holders
+        is_kept = np.zeros(len(before.unit_sizes), dtype=bool)
+        kept = before.unit_of_group[group_sources[~group_is_new]]
+        is_kept[kept[kept >= 0]] = True
+        units = np.append(np.where(is_kept, np.cumsum(is_kept) - 1, -1), -1)
+        self.unit_of_group = np.empty(len(self.group_roots), dtype=np.intp)
+        self.unit_of_group[~group_is_new] = units[kept]
+        self.unit_of_group[group_is_new] = np.where(moves, np.count_nonzero(is_kept) - 1 + np.cumsum(moves), -1)
+        self.holders = np.stack([units[before.holders[:, 0]], groups[before.holders[:, 1]]], axis=1)
 
-    def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, Mapping[int, tuple[int, ...]]]:
+    def _units(self, numbers: Mapping[BodyId, int]) -> tuple[Indices, Indices]:
         forest = self.forest
         moves = np.array(
             [not is_fixed_group(each, kinematics_driven=self.kinematics_driven) for each in forest.groups.values()],
@@ -158,11 +193,9 @@ class WorldTables:
         trees = connected_groups(len(moves), *ends[is_inner].T)
         unit_of_group = np.full(len(moves), -1, dtype=np.intp)
         unit_of_group[moves] = np.unique(trees[moves], return_inverse=True)[1]
-        holders: dict[int, set[int]] = {}
-        for a, b in ends[~is_inner & moves[ends].any(axis=1)].tolist():
-            mover, holder = (a, b) if moves[a] else (b, a)
-            holders.setdefault(int(unit_of_group[mover]), set()).add(holder)
-        return unit_of_group, {unit: tuple(sorted(each)) for unit, each in holders.items()}
+        held = ends[~is_inner & moves[ends].any(axis=1)]
+        held = np.where(moves[held[:, :1]], held, held[:, ::-1])
+        return unit_of_group, np.stack([unit_of_group[held[:, 0]], held[:, 1]], axis=1)
 
     def _couplings(self) -> Iterable[tuple[BodyId, BodyId]]:
         """Pairs of groups that have to be in one model: those of loops, and of joints that follow others."""
@@ -215,7 +248,8 @@ class WorldTables:
         """The input of one model for the whole world; the builder is that of the tables, or a copy."""
         return ModelInput(
             builder, poses, timestep_s, builder.registry.bodies, self.rows, self.sizes, builder.masses(), self.forest,
-            builder.excluded_pairs(), self.linked, self.kinematics_driven, is_divisible=not self.is_single,
+            builder.overlapping_pairs() | self.jointed_pairs, self.linked, self.kinematics_driven,
+            is_divisible=not self.is_single,
         )  # fmt: skip
 
     def region_input(
@@ -240,8 +274,7 @@ class WorldTables:
         moves = is_unit & units[self.unit_of_group] if len(units) else is_unit
         chosen[self.group_of[within]] = True
         chosen |= moves
-        for unit in np.flatnonzero(units).tolist():
-            chosen[list(self.holders.get(unit, ()))] = True
+        chosen[self.holders[units[self.holders[:, 0]], 1]] = True
         rows = np.flatnonzero(chosen[self.group_of])
         ids = [self.ids[row] for row in rows.tolist()]
         roots = [self.group_roots[number] for number in np.flatnonzero(chosen).tolist()]
@@ -255,18 +288,24 @@ class WorldTables:
 
     def _pairs_of(self, ids: Collection[BodyId]) -> set[tuple[BodyId, BodyId]]:
         """The excluded pairs of some bodies."""
-        if self._partners is None:
-            self._partners = {}
-            for a, b in (*self.jointed_pairs, *self.overlapping):
-                self._partners.setdefault(a, []).append(b)
-        partners = self._partners
+        if self._jointed_partners is None:
+            self._jointed_partners = _partners(self.jointed_pairs)
+        if self._overlapping_partners is None:
+            self._overlapping_partners = _partners(self.overlapping)
         root_of = self.forest.root_of
-        return {(a, b) for a in ids if a in partners for b in partners[a] if b in ids and root_of[a] != root_of[b]}
+        return {
+            (a, b)
+            for partners in (self._jointed_partners, self._overlapping_partners)
+            for a in ids
+            if a in partners
+            for b in partners[a]
+            if b in ids and root_of[a] != root_of[b]
+        }
 
     def without_pairs(self, pairs: Collection[tuple[BodyId, BodyId]]) -> WorldTables:
         """The tables of the same world in which some pairs that overlapped collide; copies share these here."""
         result = copy.copy(self)
-        result.overlapping, result._partners = self.overlapping - set(pairs), None
+        result.overlapping, result._overlapping_partners = self.overlapping - set(pairs), None
         return result
 
     def changed_since(self, before: WorldTables) -> tuple[set[BodyId], bool]:
@@ -283,7 +322,7 @@ class WorldTables:
             for id in _differing(joints, others):
                 for joint in (joints.get(id), others.get(id)):
                     changed.update(() if joint is None else (joint.parent, joint.child))
-        if not self.kept:
+        if self.sources is None:
             roots, now = before.forest.root_of, self.forest.root_of
             changed.update(id for id, root in now.items() if roots.get(id) != root)
         if old.actuators != new.actuators:
@@ -317,16 +356,29 @@ class _Described:
         )  # fmt: skip
 
 
+def _inverse(sources: Indices, count: int) -> Indices:
+    """Where each of a number of things is that are elsewhere now; -1 for others, and at the end, so that -1 stays."""
+    places = np.full(count + 1, -1, dtype=np.intp)
+    now = np.flatnonzero(sources >= 0)
+    places[sources[now]] = now
+    return places
+
+
+def _partners(pairs: Iterable[tuple[BodyId, BodyId]]) -> _Partners:
+    found: dict[BodyId, list[BodyId]] = {}
+    for a, b in pairs:
+        found.setdefault(a, []).append(b)
+    return found
+
+
 def _differing(before: Mapping[Any, Any], after: Mapping[Any, Any]) -> set[Any]:
     """The keys whose values are other objects, or that are in one mapping only."""
     count = len(before)
     if count <= len(after) and list(islice(after, count)) == list(before):  # as in most cases, and then much faster
         is_other = map(is_not, before.values(), after.values())
         return {*compress(before, is_other), *islice(after, count, None)}
-    missing = object()
-    return (before.keys() - after.keys()) | {
-        key for key, value in after.items() if before.get(key, missing) is not value
-    }
+    is_other = map(is_not, map(after.get, before), before.values())
+    return {*compress(before, is_other), *(after.keys() - before.keys())}
 
 
 @dataclass(slots=True)
@@ -350,15 +402,24 @@ class Region:
     """Whether everything is asleep, so that steps change nothing but the time."""
     is_read: bool = True
     """Whether the poses of the world have those of the model."""
+    is_shared: bool = False
+    """Whether copies have the same state, which is copied when one of them is woken."""
 
     def copy(self) -> Region:
         """An independent copy of the state; the model is shared."""
-        return replace(self, bodies=set(self.bodies), compiled=self.compiled.copy(), frozen=dict(self.frozen))
+        if self.is_resting:
+            self.compiled.update_poses()
+            self.is_shared = True
+        compiled = self.compiled if self.is_shared else self.compiled.copy()
+        return replace(self, bodies=set(self.bodies), compiled=compiled, frozen=dict(self.frozen))
 
-    def use_rows(self, rows: Mapping[BodyId, int]) -> None:
-        """Sets the rows of the world; bodies that are not there have the row -1."""
+    def use_rows(self, tables: WorldTables) -> None:
+        """Sets the rows of the bodies; those that are not there have the row -1."""
+        if tables.places is not None and len(self.rows):
+            self.rows = tables.places[self.rows]
+            return
         ids = self.compiled.rows
-        self.rows = np.fromiter((rows.get(id, -1) for id in ids), dtype=np.intp, count=len(ids))
+        self.rows = np.fromiter((tables.rows.get(id, -1) for id in ids), dtype=np.intp, count=len(ids))
         self.is_own = np.fromiter((id in self.bodies for id in ids), dtype=bool, count=len(ids))
 
     def is_asleep(self) -> bool:
@@ -368,6 +429,8 @@ class Region:
 
     def wake(self, time_s: float) -> CompiledModel:
         """The model, to be changed or advanced: from then on it is stepped."""
+        if self.is_shared:
+            self.compiled, self.is_shared = self.compiled.copy(), False
         if self.is_resting:
             self.compiled.data.time, self.is_resting = time_s, False
         self.is_read = False
@@ -400,10 +463,13 @@ class Region:
         return np.asarray(self.compiled.data.body_awake[numbers[~self.compiled.is_kinematic[numbers]]])
 
     def awake_rows(self) -> Indices:
-        """The places in the model of its own bodies that are awake, or may be moved."""
+        """The places in the model of its own bodies that are awake, wake up in the next step, or may be moved."""
         compiled = self.compiled
-        numbers = compiled.body_id_order
-        is_awake = (compiled.data.body_awake[numbers] == 1) | compiled.is_kinematic[numbers]
+        numbers, model, data = compiled.body_id_order, compiled.model, compiled.data
+        is_woken = np.zeros(model.ntree + 1, dtype=bool)
+        is_woken[model.dof_treeid[np.flatnonzero(data.qvel)]] = True  # see `wake_islands`
+        is_awake = (data.body_awake[numbers] == 1) | compiled.is_kinematic[numbers]
+        is_awake |= is_woken[model.body_treeid[numbers]]
         return np.flatnonzero(self.is_own & (numbers > 0) & is_awake)
 
     def displacements(self, places: Indices, radii: Array, duration_s: float) -> Array:
@@ -616,7 +682,7 @@ def find_handovers(
     swept[0][is_awake, 2] -= _GRAVITY_M_S2 * duration_s**2 / 2
     awake = np.flatnonzero(is_awake)
     near = _near(swept, home, is_awake)
-    target, outdated, count = home.copy(), _outdated(tables, regions, home, is_awake, swept, poses), len(regions)
+    target, outdated, count = home.copy(), _outdated(tables, regions, home, swept, poses), len(regions)
     sizes = np.bincount(home[home >= 0], weights=tables.unit_sizes[home >= 0], minlength=count).tolist()
 
     def move(units: list[int], number: int) -> None:
@@ -675,7 +741,6 @@ def _outdated(
     tables: WorldTables,
     regions: Sequence[Region],
     home: Indices,
-    is_awake: NDArray[np.bool_],
     swept: Boxes,
     poses: Array,
 ) -> set[int]:
@@ -685,10 +750,12 @@ def _outdated(
     """
     found = set()
     for number, region in enumerate(regions):
-        awake = np.flatnonzero((home == number) & is_awake)
-        if not region.is_resting and not region.is_current:
+        if region.is_resting:
+            continue
+        own = np.flatnonzero(home == number)  # also what sleeps, perhaps on what has moved away
+        if not region.is_current:
             found.add(number)
-        elif len(awake) and region.frozen:
+        elif region.frozen:
             rows = np.array([tables.rows[id] for id in region.frozen], dtype=np.intp)
             compiled = np.array(list(region.frozen.values()))
             gone = np.abs(poses[rows] - compiled).max(axis=1) > _MOVED
@@ -697,6 +764,6 @@ def _outdated(
                 old[rows[gone]] = compiled[gone]
                 low, high = tables.boxes(old, rows[gone])
                 at = np.stack([low, high], axis=1)
-                if any(box_meets(box, (swept[0][awake], swept[1][awake])).any() for box in at):
+                if any(box_meets(box, (swept[0][own], swept[1][own])).any() for box in at):
                     found.add(number)
     return found

@@ -226,14 +226,12 @@ class CompiledModel:
     """Whether each MuJoCo body is part of a kinematic group that can be moved."""
     divided: tuple[Any, dict[BodyId, FastContact], Any] | None = None
     """A model, fast bodies, and the same model with divided time steps for these; None until a step needs it."""
-    before: Any = field(init=False, default=None)
-    """Data for the state before a part of a step; None until a step needs it."""
-    begin: tuple[Any, dict[BodyId, KinematicMotion], tuple[Array, Array] | None] | None = field(
+    before: tuple[Any, dict[BodyId, KinematicMotion], tuple[Array, Array] | None] | None = field(
         init=False, default=None
     )
-    """The same, motions and `kinematic_state` before the whole step, with kinematic bodies; None until one needs it."""
+    """Data, motions and `kinematic_state` before the last step; None before the first one."""
 
-    _jointed: tuple[NDArray[np.intp], Array] | None = field(init=False, default=None)
+    _jointed: tuple[list[BodyId], NDArray[np.intp], Array] | None = field(init=False, default=None)
     """The result of `_jointed_groups`."""
 
     def __post_init__(self) -> None:
@@ -300,21 +298,30 @@ class CompiledModel:
             EngineMemoryError: the arena would exceed its largest size; nothing has changed.
             EngineError: MuJoCo failed; nothing has changed.
         """
-        if not self.kinematic_addresses:
-            self._advance(count, fast)
-            return
-        data = new_data(self.model) if self.begin is None else self.begin[0]
+        data = new_data(self.model) if self.before is None else self.before[0]
         mujoco.mj_copyData(data, self.model, self.data)
-        self.begin = data, dict(self.motions), self.kinematic_state
+        self.before = data, dict(self.motions), self.kinematic_state
         try:
-            while count:
-                moving = {root: motion for root, motion in self.motions.items() if motion.steps}
-                part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
-                self._step_with_motions(moving, part, fast)
-                count -= part
+            while not self._advance(count, fast):
+                larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
+                self.before = copy_state(larger, self.before[0]), *self.before[1:]
+                self.model, self.data = larger, new_data(larger)
+                self.step_back()
         except EngineError:
             self.step_back()
             raise
+
+    def _advance(self, count: int, fast: Mapping[BodyId, FastContact]) -> bool:
+        """Advances time by some steps; False if the arena was exhausted, and the state is invalid."""
+        while count:
+            if not self.kinematic_addresses:
+                return self._run(count, fast)
+            moving = {root: motion for root, motion in self.motions.items() if motion.steps}
+            part = min(count, self._steps_to_correction(), *(motion.steps for motion in moving.values()))
+            if not self._step_with_motions(moving, part, fast):
+                return False
+            count -= part
+        return True
 
     def _steps_to_correction(self) -> int:
         """The time steps until kinematic bodies at rest are put back where they belong: a function of the time."""
@@ -322,8 +329,8 @@ class CompiledModel:
 
     def _step_with_motions(
         self, moving: Mapping[BodyId, KinematicMotion], count: int, fast: Mapping[BodyId, FastContact]
-    ) -> None:
-        """Advances time by some steps, in which kinematic bodies have the poses and velocities of their motions.
+    ) -> bool:
+        """As `_advance`, with steps in which kinematic bodies have the poses and velocities of their motions.
 
         However the steps are divided among calls, the result is the same: nothing is rounded between two of them.
         """
@@ -339,7 +346,8 @@ class CompiledModel:
             forces[row] = self.model.dof_M0[dofs[row]] * motion.acceleration
         data.qpos[self.kinematic_qpos], data.qvel[dofs], data.qfrc_applied[dofs] = poses, velocities, forces
         try:
-            self._advance(count, fast)
+            if not self._run(count, fast):
+                return False
             poses, velocities = self.data.qpos[self.kinematic_qpos], self.data.qvel[dofs]
             is_there = np.full(len(dofs), is_corrected)
             for root, motion in moving.items():
@@ -352,32 +360,18 @@ class CompiledModel:
         finally:
             self.data.qpos[self.kinematic_qpos] = targets
             self.data.qvel[dofs] = self.data.qfrc_applied[dofs] = 0.0
+        return True
 
-    def _advance(self, count: int, fast: Mapping[BodyId, FastContact]) -> None:
-        substeps = SUBSTEPS if fast else 1
-        if self.before is None:
-            self.before = new_data(self.model)
-        mujoco.mj_copyData(self.before, self.model, self.data)
-        try:
-            while not run_mujoco(
-                mujoco.mj_step, self._divided(fast), self.data, nstep=count * substeps
-            ) or is_exhausted(self.data):
-                larger = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
-                self.data, self.before = copy_state(larger, self.before), copy_state(larger, self.before)
-                if self.begin is not None:
-                    self.begin = copy_state(larger, self.begin[0]), *self.begin[1:]
-                self.model = larger
-        except EngineError:
-            mujoco.mj_copyData(self.data, self.model, self.before)
-            raise
+    def _run(self, count: int, fast: Mapping[BodyId, FastContact]) -> bool:
         self.poses_outdated = True
+        steps = count * (SUBSTEPS if fast else 1)
+        return run_mujoco(mujoco.mj_step, self._divided(fast), self.data, nstep=steps) and not is_exhausted(self.data)
 
     def step_back(self) -> None:
         """Restores the state before the last `step`."""
-        data = self.before
-        if self.begin is not None:
-            data, motions, self.kinematic_state = self.begin
-            self.motions = dict(motions)
+        assert self.before is not None
+        data, motions, self.kinematic_state = self.before
+        self.motions = dict(motions)
         mujoco.mj_copyData(self.data, self.model, data)
         self.poses_outdated = True
 
@@ -439,13 +433,12 @@ class CompiledModel:
         velocities, roots = data.qvel[self.free_velocities], list(self.free_joint_addresses)
         for row in np.flatnonzero(np.linalg.norm(velocities, axis=1) > min_speed).tolist():
             yield FastGroup(roots[row], velocities[row], nothing, is_free=True)
-        numbers, arms = self._jointed_groups()
+        jointed, numbers, arms = self._jointed_groups()
         spins, arm = data.cvel[numbers, :3], data.xpos[numbers] - data.subtree_com[self.model.body_rootid[numbers]]
         linear = data.cvel[numbers, 3:] + np.cross(spins, arm)
         speeds = np.linalg.norm(linear, axis=1) + np.linalg.norm(spins, axis=1) * arms
         for row in np.flatnonzero(speeds > min_speed).tolist():
-            root = self._id_of_body[int(numbers[row])]
-            yield FastGroup(root, linear[row], spins[row], is_free=False)
+            yield FastGroup(jointed[row], linear[row], spins[row], is_free=False)
         for root, motion in self.motions.items():
             if motion.steps:
                 spin = quat_rotate(motion.pose[3:], motion.mean_velocity[3:])
@@ -459,17 +452,18 @@ class CompiledModel:
         is_jointed = bool(self.joints) and np.abs(self.data.qvel).max(initial=0.0) > min_speed / _MAX_ARM_M
         return bool(free > min_speed / 2 or is_jointed or any(each.steps for each in self.motions.values()))
 
-    def _jointed_groups(self) -> tuple[NDArray[np.intp], Array]:
-        """The groups on joints without actuators, as MuJoCo numbers bodies, and how far they reach."""
+    def _jointed_groups(self) -> tuple[list[BodyId], NDArray[np.intp], Array]:
+        """The roots of the groups on joints without actuators, MuJoCo's numbers of them, and how far they reach."""
         if self._jointed is None:
-            driven, known = set(self.actuators.dofs), self._id_of_body
+            driven, known = set(self.actuators.dofs), {number: id for id, number in self.body_ids.items()}
             free = [
                 each.body_id
                 for each in self.joints.values()
-                if driven.isdisjoint(range(each.dof_address, each.dof_address + len(each.axes)))
+                if each.body_id in known
+                and driven.isdisjoint(range(each.dof_address, each.dof_address + len(each.axes)))
             ]
-            numbers = np.array([number for number in free if number in known], dtype=np.intp)
-            self._jointed = numbers, np.array([self._arm_m(number) for number in numbers.tolist()])
+            arms = np.array([self._arm_m(number) for number in free])
+            self._jointed = [known[number] for number in free], np.array(free, dtype=np.intp), arms
         return self._jointed
 
     def _arm_m(self, number: int) -> float:
@@ -479,17 +473,14 @@ class CompiledModel:
         arms = np.linalg.norm(data.geom_xpos[geoms] - data.xpos[number], axis=1) + model.geom_rbound[geoms]
         return float(arms.max(initial=0.0))
 
-    @property
-    def _id_of_body(self) -> dict[int, BodyId]:
-        return {number: id for id, number in self.body_ids.items()}
-
     def _is_fast(self, root: BodyId, velocity: Array, spin: Array, min_speed: float) -> bool:
         return bool(np.linalg.norm(velocity) + np.linalg.norm(spin) * self._arm_m(self.body_ids[root]) > min_speed)
 
-    def _velocity_at(self, body_id: int, point: Array) -> tuple[Array, Array]:
-        """The velocity of a point of a body [m/s], and its angular velocity [rad/s], both in the world frame."""
+    def _velocity_at(self, body_id: int, point: Array) -> Array:
+        """The velocity of a point of a body in the world frame [m/s]."""
         spin, linear = self.data.cvel[body_id, :3], self.data.cvel[body_id, 3:]
-        return linear + np.cross(spin, point - self.data.subtree_com[self.model.body_rootid[body_id]]), spin.copy()
+        center = self.data.subtree_com[self.model.body_rootid[body_id]]
+        return np.asarray(linear + np.cross(spin, point - center))
 
     @checked
     def obstacles(self, group: FastGroup, within_s: NotNegative, contact_s: NotNegative) -> Iterator[Obstacle]:
@@ -560,7 +551,7 @@ class CompiledModel:
             return
         other, mine = (geom, hit) if is_reversed else (hit, geom)
         is_plane = model.geom_type[other] == int(mujoco.mjtGeom.mjGEOM_PLANE)
-        speed -= float(direction @ self._velocity_at(int(model.geom_bodyid[other]), point)[0])
+        speed -= float(direction @ self._velocity_at(int(model.geom_bodyid[other]), point))
         if distance_m <= speed * within_s and not is_plane and model.geom_solref[other, 1] >= 1.0:
             thickness_m = 2 * float(model.geom_aabb[other, 3:].min())
             friction = float(model.geom_friction[other, 0])
@@ -583,13 +574,12 @@ class CompiledModel:
         state = copy.copy(self.data)
         while not run_mujoco(mujoco.mj_forward, self.model, self.data) or is_exhausted(self.data):
             self.model = larger_model(self.model, self.data, cap_bytes=self.arena_cap_bytes)
-            self.data, self.before, self.begin = copy_state(self.model, state), None, None
+            self.data, self.before = copy_state(self.model, state), None
 
     def __getstate__(self) -> tuple[None, dict[str, object]]:
         """The state to pickle, without the data that are allocated again when they are needed."""
         return None, {each.name: getattr(self, each.name) for each in fields(self)} | {
             "before": None,
-            "begin": None,
             "divided": None,
         }
 

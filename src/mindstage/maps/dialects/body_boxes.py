@@ -16,11 +16,15 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
+from hashlib import blake2b
+from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from mindstage.files import cache_dir, cached_content, modules_of
 from mindstage.maps.dialects.conventions import SizeFrame, UnitConventions
 from mindstage.maps.dialects.map_statistics import is_constraint
 from mindstage.maps.dialects.membership import pose_facts, references, types_of
@@ -736,8 +740,66 @@ def _logged_date(source_map: SourceMap) -> tuple[int, int, int] | None:
 
 # -- pivots ------------------------------------------------------------------------------------------------------------
 
+_MIN_STORED_BODIES = 50
+"""What is decided about smaller maps is not kept, since it takes a few milliseconds."""
+_MAX_STORED_BYTES = 64 << 20
+"""Total size of the decisions, from which the least recently used files are deleted."""
 _SIDE_NAMES = (("back", "front"), ("right", "left"), ("bottom", "top"))
 """Sides of a box along its axes, the one at the lower coordinate first."""
+
+
+class _StoredChoices(msgspec.Struct, frozen=True, array_like=True):
+    """What was decided before, as in the tuples of the modules that decide."""
+
+    pivots: list[tuple[list[float], float, bool, tuple[int, ...]]]
+    sides: list[tuple[list[float], list[float], list[list[float]], tuple[int, ...]]]
+
+
+def _stored_choices(
+    boxes: OrientedBoxes, classes: Indices, links: Indices, anchors: Anchors
+) -> tuple[list[PivotChoice], list[SideChoice]]:
+    """The origins of the meshes of classes, by both kinds of evidence; see `find_pivots` and `choose_sides`.
+
+    Those of large maps are kept in the cache directory, by all that they depend on.
+    """
+
+    def decide() -> tuple[list[PivotChoice], list[SideChoice]]:
+        pivots = find_pivots(boxes, classes, links)
+        given = np.array([choice.sides for choice in pivots]).reshape(-1, 3)
+        return pivots, choose_sides(boxes, classes, links, anchors, given)
+
+    def make() -> bytes:
+        pivots, sides = decide()
+        rows = [(each.sides.tolist(), float(each.margin), each.holds_others, each.tied) for each in pivots]
+        others = [(*(values.tolist() for values in each[:3]), each.undecided) for each in sides]
+        return msgspec.msgpack.encode((rows, others))
+
+    if len(classes) < _MIN_STORED_BODIES:
+        return decide()
+    arrays = (
+        boxes.center, boxes.rotation, boxes.half_extents, classes, links, anchors.rows, anchors.points, anchors.axes,
+    )  # fmt: skip
+    known = blake2b(repr((_program(), [each.shape for each in arrays])).encode(), digest_size=16)
+    for each in arrays:
+        known.update(np.ascontiguousarray(each).tobytes())
+    path = cache_dir("pivots") / f"{known.hexdigest()}.msgpack"
+    content = cached_content(path, make, max_bytes=_MAX_STORED_BYTES)
+    try:
+        stored = msgspec.msgpack.decode(content, type=_StoredChoices)
+    except msgspec.DecodeError:  # the file is damaged
+        path.unlink(missing_ok=True)
+        return decide()
+    pivots = [PivotChoice(np.array(sides), margin, holds, tied) for sides, margin, holds, tied in stored.pivots]
+    sides = [
+        SideChoice(np.array(sides), np.array(margins), np.array(chances), undecided)
+        for sides, margins, chances, undecided in stored.sides
+    ]
+    return pivots, sides
+
+
+@cache
+def _program() -> tuple[object, ...]:
+    return np.__version__, modules_of(Path(__file__).parents[2], ("maps/dialects", "scene"))
 
 
 class _PivotFinder:
@@ -762,9 +824,7 @@ class _PivotFinder:
                 centers[group.rows] += bodies.rotations[group.rows] @ offset
                 found.append((group, offset, "its mesh has the origin there"))
         boxes = OrientedBoxes(centers, bodies.rotations, bodies.sizes / 2)
-        choices = find_pivots(boxes, classes, bodies.links)
-        given = np.array([choice.sides for choice in choices]).reshape(-1, 3)
-        refined = choose_sides(boxes, classes, bodies.links, _anchors(self.source_map, bodies), given)
+        choices, refined = _stored_choices(boxes, classes, bodies.links, _anchors(self.source_map, bodies))
         for group, choice, chosen in zip(unknown, choices, refined, strict=True):
             offset = chosen.sides * bodies.sizes[group.rows[0]] / 2
             if choice.tied and not chosen.sides[list(choice.tied)].any() and not chosen.undecided:

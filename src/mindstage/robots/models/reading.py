@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
+from hashlib import blake2b
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree
@@ -15,6 +17,7 @@ from msgspec.structs import replace
 
 from mindstage.engines.mujoco.mujoco_kinematics import touching_shares
 from mindstage.errors import RobotModelError, SourceParseError
+from mindstage.files import cache_dir, cached_content, modules_of
 from mindstage.maps.io.ros_packages import RosPackagePath
 from mindstage.maps.io.xml import first_tag
 from mindstage.maps.urdf.parse import read_urdf
@@ -76,6 +79,8 @@ _CLOSING_STATES = 9
 """Number of states of a gripper, from open to closed."""
 _MAX_DRIVES = 2
 """Number of drives above which a gripper is a hand, whose fingers touch each other with all of their links."""
+_MAX_STORED_BYTES = 16 << 20
+"""Total size of what was found about links that touch, from which the least recently used files are deleted."""
 _MAX_POSITION = 1e4
 """Limits beyond this are none [m or rad]: descriptions write 1e16 for a joint that turns freely."""
 
@@ -302,20 +307,45 @@ def _find_self_contacts(tree: LinkTree, *, ignored: Collection[tuple[str, str]])
     that is near in the tree and touches in some of them often does so only since the hull of one fills a hollow in
     which the other moves.
 
+    What was found is kept in the cache directory, by all that it depends on.
+
     Args:
         ignored: pairs that are not tested, such as neighbors.
     """
+    shapes = [(name, each.geometry.collision_shapes if each.geometry else ()) for name, each in tree.links.items()]
+    known = (_program(), shapes, list(tree.joints.values()), sorted(ignored))
+    name = blake2b(msgspec.msgpack.encode(known), digest_size=16).hexdigest()
+    path = cache_dir("self-contacts") / f"{name}.json"
+
+    def make() -> bytes:
+        return msgspec.json.encode([(*pair, share) for pair, share in _touching_shares(tree, ignored).items()])
+
+    content = cached_content(path, make, max_bytes=_MAX_STORED_BYTES)
+    try:
+        rows = msgspec.json.decode(content, type=list[tuple[str, str, float]])
+    except msgspec.DecodeError:  # the file is damaged
+        path.unlink(missing_ok=True)
+        rows = msgspec.json.decode(make(), type=list[tuple[str, str, float]])
+    shares = {(first, second): share for first, second, share in rows}
+    return _SelfContacts(
+        frozenset(pair for pair, share in shares.items() if share >= _ALWAYS),
+        {pair: share for pair, share in shares.items() if share >= _OFTEN and _are_near(tree, *pair)},
+    )
+
+
+@cache
+def _program() -> tuple[object, ...]:
+    return version("mujoco"), modules_of(Path(__file__).parents[2], ("robots/models", "engines/mujoco", "scene"))
+
+
+def _touching_shares(tree: LinkTree, ignored: Collection[tuple[str, str]]) -> dict[tuple[str, str], float]:
     random = np.random.default_rng(_SEED)
     drives = [joint for joint in tree.joints.values() if joint.is_actuated]
     low, high = np.clip(np.array([joint.limits for joint in drives]).reshape(-1, 2), -np.pi, np.pi).T
     rows = random.uniform(low, high, (_STATES, len(drives)))
     positions = (dict(zip((joint.name for joint in drives), row.tolist(), strict=True)) for row in rows)
     states = (tree.poses(rest_positions(tree.joints.values(), each)) for each in positions)
-    shares = touching_shares({link: tree.shape_points(link) for link in tree.links}, states, ignored=ignored)
-    return _SelfContacts(
-        frozenset(pair for pair, share in shares.items() if share >= _ALWAYS),
-        {pair: share for pair, share in shares.items() if share >= _OFTEN and _are_near(tree, *pair)},
-    )
+    return touching_shares({link: tree.shape_points(link) for link in tree.links}, states, ignored=ignored)
 
 
 def _are_near(tree: LinkTree, first: str, second: str) -> bool:
