@@ -449,6 +449,7 @@ def make_simulation(
     primitive_shapes: bool = False,
     timeout_s: Timeout = 10.0,
     mesh_progress: MeshProgress | None = None,
+    decompose: bool = True,
 ) -> Simulation:
     """Creates an empty simulation that owns the engine, with geometry from meshes and from shape rules of classes.
 
@@ -459,6 +460,8 @@ def make_simulation(
         primitive_shapes: see `open`.
         timeout_s: see `open`.
         mesh_progress: called with the number of mesh files that are imported, and of all that have to be.
+        decompose: whether collision shapes are convex parts of meshes; otherwise they are convex hulls, which suffice
+            where nothing moves, as in a picture, and take little of the time.
 
     Raises:
         SourceParseError: one of the asset folders does not exist.
@@ -468,7 +471,7 @@ def make_simulation(
 
     if primitive_shapes:
         return Simulation(knowledge, engine, timeout_s=timeout_s, primitive_shapes=True)
-    meshes = mesh_assets(assets, knowledge, progress=mesh_progress)
+    meshes = mesh_assets(assets, knowledge, progress=mesh_progress, decompose=decompose)
     knowledge.use_meshes(meshes.bounds)
     return Simulation(knowledge, engine, timeout_s=timeout_s, meshes=meshes)
 

@@ -155,7 +155,11 @@ def save_world(
 
 
 def mesh_assets(
-    folders: StrPath | Iterable[StrPath], knowledge: KnowledgeBase, *, progress: MeshProgress | None = None
+    folders: StrPath | Iterable[StrPath],
+    knowledge: KnowledgeBase,
+    *,
+    progress: MeshProgress | None = None,
+    decompose: bool = True,
 ) -> MeshLibrary:
     """The meshes in the folders, and those that maps refer to.
 
@@ -163,6 +167,7 @@ def mesh_assets(
         folders: searched recursively.
         knowledge: resolves the names of meshes in maps.
         progress: called with the number of files that are imported, and of all that have to be.
+        decompose: whether collision shapes are convex parts of meshes; otherwise they are convex hulls.
 
     Raises:
         SourceParseError: one of the folders does not exist.
@@ -174,7 +179,7 @@ def mesh_assets(
     for path in paths:
         if not path.is_dir():
             raise SourceParseError(str(path), cause="there is no such folder; assets takes folders of mesh files")
-    return MeshLibrary(paths, find_file=knowledge.find_file, progress=progress)
+    return MeshLibrary(paths, find_file=knowledge.find_file, progress=progress, decompose=decompose)
 
 
 def _dialect(name: str) -> FileDialect:

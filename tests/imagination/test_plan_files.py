@@ -8,7 +8,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from mindstage.errors import PlanError
@@ -92,6 +92,7 @@ plans = st.builds(
 
 
 @given(plan=plans, format=st.sampled_from(["json", "yaml"]))
+@example(plan=Plan(steps=(), name="a\x85b"), format="yaml")
 def test_a_plan_that_was_written_is_read_unchanged_and_follows_the_schema(plan: Plan, format: str) -> None:
     text = dump_plan(plan, format=format)
     assert load_plan(text).plan == plan

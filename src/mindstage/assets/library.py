@@ -225,6 +225,7 @@ class MeshLibrary:
         find_file: Callable[[str], Path | None] = lambda name: None,
         cache: Path | None = None,
         progress: MeshProgress | None = None,
+        decompose: bool = True,
     ) -> None:
         """Indexes the folders.
 
@@ -233,9 +234,11 @@ class MeshLibrary:
             find_file: resolves the name of a mesh in a map to a path (`KnowledgeBase.find_file`).
             cache: directory for imported meshes; by default in the user's cache.
             progress: called with the number of files that are imported, and of all that have to be.
+            decompose: whether collision shapes are convex parts, which take nearly all of the time of an import;
+                otherwise they are convex hulls, which suffice where nothing moves.
         """
         self._index = MeshIndex(folders, find_file=find_file)
-        self._cache, self._progress = cache, progress
+        self._cache, self._progress, self._decompose = cache, progress, decompose
         self._fit_cache: dict[tuple[str, Vector | None], tuple[BodyGeometry, str]] = {}
 
     def __getstate__(self) -> dict[str, object]:
@@ -245,7 +248,9 @@ class MeshLibrary:
         """Geometry of the bodies with a readable mesh file; errors in files become notes."""
         found = {body.id: match for body in bodies if (match := self._index.find(body)) is not None}
         paths = (match.path for match in found.values())
-        imported, rejected = import_meshes(paths, folder=self._cache, progress=self._progress)
+        imported, rejected = import_meshes(
+            paths, folder=self._cache, decompose=self._decompose, progress=self._progress
+        )
         geometry: dict[BodyId, BodyGeometry] = {}
         changes: dict[str, list[BodyId]] = {}
         for body in bodies:
@@ -277,7 +282,7 @@ class MeshLibrary:
         bodies = (Body(id=BodyId(cls), iri=cls, cls=cls, pose=IDENTITY, mesh=mesh) for mesh, cls in meshes)
         found = [self._index.find(body) for body in bodies]
         paths = (match.path for match in found if match is not None)
-        imported, _ = import_meshes(paths, folder=self._cache, progress=self._progress)
+        imported, _ = import_meshes(paths, folder=self._cache, decompose=False, progress=self._progress)
         known = (None if match is None else imported.get(match.path) for match in found)
         return [None if mesh is None else (_vector(mesh.low), _vector(mesh.high)) for mesh in known]
 

@@ -160,7 +160,8 @@ def render(
     settings = convert({"size": parse_size(view.size), **quality}, PathTracingSettings)
     targets = highlight_targets(view.highlights or [], view.colors or [])
     check_renderer()  # before the map is read, so that a missing library fails at once
-    with _scene(maps, at, options) as (sim, summary):
+    moves = bool(opened) or robot is not None or view.simulated_s > 0.0
+    with _scene(maps, at, options, decompose=moves) as (sim, summary):
         _open(sim, opened or [])
         own = None if robot is None else _add_robot(sim, robot, xacro=options.xacro_request)
         step_with_progress(sim, view.simulated_s)
@@ -309,7 +310,7 @@ class _Shooting:
 
 @contextmanager
 def _scene(
-    maps: Sequence[str], at: float | None, options: MapSpawning
+    maps: Sequence[str], at: float | None, options: MapSpawning, *, decompose: bool
 ) -> Iterator[tuple[Simulation, dict[str, object]]]:
     """A simulation of the map, or of a moment of an episode, and what JSON has of it.
 
@@ -337,7 +338,7 @@ def _scene(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, options)
         world = knowledge.world(options.map_name)
-    with simulation_from_options(knowledge, running, options) as sim, exclusive(sim):
+    with simulation_from_options(knowledge, running, options, decompose=decompose) as sim, exclusive(sim):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)

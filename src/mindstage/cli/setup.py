@@ -107,13 +107,14 @@ def exclusive(simulation: Simulation) -> Iterator[None]:
 
 
 def simulation_from_options(
-    knowledge: KnowledgeBase, engine: Engine, options: ShapeOptions = DEFAULT_SHAPES
+    knowledge: KnowledgeBase, engine: Engine, options: ShapeOptions = DEFAULT_SHAPES, *, decompose: bool = True
 ) -> Simulation:
     """Makes an empty simulation; see `mindstage.api.make_simulation`.
 
     Args:
         engine: the engine, which the simulation owns.
         options: where mesh files are looked up besides the folders of the map, and whether they are used.
+        decompose: whether collision shapes are convex parts of meshes, which is needed where something moves.
 
     Raises:
         SourceParseError: one of the folders does not exist.
@@ -124,6 +125,7 @@ def simulation_from_options(
         assets=options.asset_folders(),
         primitive_shapes=options.primitive_shapes,
         mesh_progress=show_mesh_progress,
+        decompose=decompose,
     )
 
 

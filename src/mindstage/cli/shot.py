@@ -202,7 +202,8 @@ def shot(
     with progress_spinner("reading"):
         knowledge = knowledge_base(maps, options)
         world = knowledge.world(options.map_name)
-    with simulation_from_options(knowledge, running, options) as sim, exclusive(sim):
+    moves = bool(opened) or plan is not None or view.simulated_s > 0.0
+    with simulation_from_options(knowledge, running, options, decompose=moves) as sim, exclusive(sim):
         with progress_spinner("spawning"):
             report = sim.spawn(world)
         print_failures(report)

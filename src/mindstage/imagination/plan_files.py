@@ -285,6 +285,15 @@ class _Dumper(yaml.SafeDumper):  # type: ignore[misc]
         """Writes equal values twice, since aliases are refused."""
         return True
 
+    def analyze_scalar(self, scalar: str) -> yaml.emitter.ScalarAnalysis:
+        """Has texts with a next-line character quoted twice, as a reader folds it to a space in other styles."""
+        analysis = super().analyze_scalar(scalar)
+        if "\x85" in scalar:
+            analysis.special_characters = analysis.multiline = True
+            analysis.allow_single_quoted = analysis.allow_block = False
+            analysis.allow_flow_plain = analysis.allow_block_plain = False
+        return analysis
+
 
 def _read(text: str, name: str) -> tuple[Any, dict[str, int]]:
     """The content of a JSON or YAML text, and the line of each path in it.
