@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from mindstage import KnowledgeBase
+from mindstage.rdf.vocabulary import URDF_LINK
 from mindstage.rendering.appearance import (
     ASSUMED_SIZE_M,
     BodyAppearance,
@@ -223,6 +224,27 @@ def test_a_wall_is_recognized_by_its_superclass() -> None:
     assert appearance_of(wall, body("table", "Table", (0.0, 0.0, 0.4), (1.0, 1.0, 0.8))).is_building
     clock = body("it", "WallClock", (-2.0, 0.0, 1.25), (0.03, 0.3, 0.3))
     assert not appearance_of(clock).is_building
+
+
+@pytest.mark.parametrize(
+    ("at", "size", "is_wall"),
+    [
+        ((-2.0, 0.0, 1.25), (0.01, 4.0, 2.5), True),
+        ((0.0, 2.0, 1.25), (4.0, 0.01, 2.5), True),
+        ((0.0, 0.0, 1.25), (0.01, 4.0, 2.5), False),  # a partition
+        ((-2.0, 0.0, 1.0), (0.01, 0.8, 2.0), False),  # the front of a wardrobe
+        ((-2.0, 0.0, 0.5), (0.01, 4.0, 1.0), False),  # a counter
+        ((-2.0, 0.0, 1.25), (1.5, 4.0, 2.5), False),  # a cabinet
+        ((0.0, 0.0, 2.5), (4.0, 4.0, 0.01), False),
+    ],
+)
+def test_a_link_of_a_robot_description_that_bounds_the_place_is_drawn_as_a_wall(
+    at: Vector, size: Vector, is_wall: bool
+) -> None:
+    things = [body(f"table{x}", "Table", (x, 0.5 * x, 0.4), (0.3, 0.3, 0.8)) for x in (-1.0, 0.2, 1.0)]
+    link = replace(body("link", "Table", at, size), cls=URDF_LINK)
+    appearance = appearance_of(link, *things)
+    assert (appearance.is_building, appearance.part is VisiblePart.INTERIOR) == (is_wall, is_wall)
 
 
 def test_a_pillar_is_drawn_whole() -> None:

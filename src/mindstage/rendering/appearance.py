@@ -256,6 +256,8 @@ _WALL_NOUNS, _FLOOR_NOUNS, _CEILING_NOUNS = (
 _WALL_MOUNTED = ["window", "pane", "poster", "picture", "curtain", "mirror", "blackboard", "whiteboard", "clock"]
 _DOORWAY_NOUNS = ["door", "doorway", "frame"]
 _MIN_DOORWAY_M = 1.7
+_MIN_OBJECTS_BESIDE = 0.9
+"""Smallest part of the objects of a place that is on one side of a plate that counts as its wall."""
 _PRIMITIVE_OF_COLLISION_TYPE = {
     CollisionShapeType.SPHERE: PrimitiveType.SPHERE,
     CollisionShapeType.CYLINDER: PrimitiveType.CYLINDER,
@@ -362,6 +364,9 @@ class _AppearanceSolver:
         self.volume = np.prod(2 * self.half, axis=1)
         outlines = find_outlines(world, geometry=geometry, enclosing=enclosing)
         self.is_shell = np.array([body.id in outlines for body in world.bodies], dtype=bool)
+        plates = self._link_walls()
+        self.is_wall, self.is_enclosing = self.is_wall | plates, self.is_enclosing | plates
+        self.is_building |= plates
         self.is_object = ~self.is_shell & ~self.is_building
         heights = self.center[self.is_object & ~self.is_lamp, 2]
         self.overhead_height = float(np.quantile(heights, 0.9)) if heights.size else np.inf
@@ -437,6 +442,25 @@ class _AppearanceSolver:
         return body.size is not None and not is_known and (geometry is None or geometry.source is GeometrySource.MAP)
 
     # -- bodies that would block the view ------------------------------------------------------------------------------
+
+    def _link_walls(self) -> NDArray[np.bool_]:
+        """The links of a robot description that bound the place: they have no class that could say what they are.
+
+        Each is a fixed, upright plate, as tall as a doorway and wider than furniture; nearly everything is on one side.
+        """
+        thin, middle, wide = np.sort(self.half, axis=1).T
+        axes = np.argmin(self.half, axis=1)
+        normals = np.take_along_axis(self.rotation, axes[:, None, None], axis=2)[:, :, 0]
+        heights = 2 * np.einsum("ni,ni->n", np.abs(self.rotation[:, 2]), self.half)
+        found = np.array([body.cls == URDF_LINK and not body.physics.is_dynamic for body in self.bodies], dtype=bool)
+        found &= (thin < _MAX_THIN_RATIO * middle) & (np.abs(normals[:, 2]) < _MAX_UPRIGHT_SINE)
+        found &= (heights > _MIN_DOORWAY_M) & (2 * wide > _MAX_FURNITURE_M)
+        centers = self.center[~(self.is_shell | self.is_building | found)]
+        for row in np.flatnonzero(found).tolist():
+            is_beyond = (centers - self.center[row]) @ normals[row] > 0.0
+            share = float(is_beyond.mean()) if len(is_beyond) else 0.5
+            found[row] = max(share, 1.0 - share) >= _MIN_OBJECTS_BESIDE
+        return found
 
     def _has_noun(self, nouns: Iterable[str]) -> NDArray[np.bool_]:
         """A mask of the bodies whose class, or a superclass of it, is named by one of the nouns."""
