@@ -96,6 +96,20 @@ def test_a_thing_tips_over_when_its_vertical_turns_by_45_degrees(
         assert len(events(watch)) == 1
 
 
+def test_what_turns_while_it_falls_fell(sim: Simulation, watch: EventWatch) -> None:
+    put(sim, "a", (0.3, 0.0, 0.05), tilt=1.5)
+    assert events(watch) == [("fell", "a", "table")]
+    put(sim, "a", (0.3, 0.0, 0.05), tilt=3.0)
+    assert events(watch) == [("fell", "a", "table")]
+
+
+def test_what_falls_after_it_tipped_over_tipped_and_fell(sim: Simulation, watch: EventWatch) -> None:
+    put(sim, "a", (-0.1, 0.0, TOP), tilt=1.5)
+    assert events(watch) == [("tipped", "a", None)]
+    put(sim, "a", (0.3, 0.0, 0.05), tilt=1.5)
+    assert events(watch) == [("tipped", "a", None), ("fell", "a", "table")]
+
+
 def test_the_vertical_is_that_of_the_pose_in_which_it_was_put(sim: Simulation, watch: EventWatch) -> None:
     put(sim, "a", (-0.3, 0.0, TOP), tilt=1.5, yaw=1.0)
     watch.set_reference([A])

@@ -4,9 +4,9 @@ The poses of all bodies are compared with reference poses, those at the start of
 them. One comparison costs a few operations on arrays, whatever the number of bodies.
 
 Thresholds: a body fell if it and its lowest point are `FALL_M` lower than in its reference pose, and tipped if its
-vertical axis has turned by `TIP_RAD`: what tips over where it stands does not fall. Bodies on joints, such as doors
-and drawers, do neither. A contact counts from `CONTACT_FORCE_N`, and a thing begins inside of another one from
-`OVERLAP_M`.
+vertical axis has turned by `TIP_RAD`: what tips over where it stands does not fall, and what turns after it began to
+fall does not tip over. Bodies on joints, such as doors and drawers, do neither. A contact counts from
+`CONTACT_FORCE_N`, and a thing begins inside of another one from `OVERLAP_M`.
 """
 
 from __future__ import annotations
@@ -175,6 +175,8 @@ class EventWatch:
             self._add_fall(layout.ids[rows[row]], float(drop[row]))
         for row in np.flatnonzero(cosines < _TIP_COSINE).tolist():
             id, angle = layout.ids[rows[row]], acos(float(np.clip(cosines[row], -1.0, 1.0)))
+            if (EventKind.FELL, id) in self._reported:
+                continue
             self._add(EventKind.TIPPED, id, f"{id} tipped over, by {np.degrees(angle):.0f} degrees", amount=angle)
         if len(fallen) and self._bounds is not None:
             for row in fallen[self._bounds.is_left(poses[fallen, :3])].tolist():
