@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,6 +30,7 @@ from mindstage.episodes.memory import INDEX_NAME, EpisodeMemory
 from mindstage.episodes.recorder import write_episode
 from mindstage.errors import EpisodeError, EpisodeFileError, InvalidArgumentError
 from mindstage.knowledge import KnowledgeBase
+from mindstage.knowledge.history import EventFilter
 from mindstage.scene import BodyId
 from mindstage.scene.edits import Delete
 from mindstage.scene.transforms import pose_array
@@ -248,3 +251,73 @@ def test_recorded_files_answer_as_each_of_them_does(tmp_path: Path) -> None:
                 ("two", MAP + "Mug", "disappeared"),
             }
             assert {row.episode for row in knowledge.ask("last_seen", "Mug")} == {"one", "two"}
+
+
+def test_a_file_whose_cause_has_passed_is_read_when_the_memory_is_opened_again(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = folder / "a.content"
+
+    def read(path: Path, *, name: str | None = None) -> EpisodeHistory:
+        if path.stem == "a" and not elsewhere.exists():
+            raise EpisodeFileError(str(path), cause="its contents are missing")
+        return opens(path, name=name)
+
+    opens = memory.open_episode
+    monkeypatch.setattr(memory, "open_episode", read)
+    with EpisodeMemory(folder) as runs:
+        assert [problem.path.stem for problem in runs.problems] == ["a"]
+    elsewhere.touch()
+    with EpisodeMemory(folder) as runs:
+        assert not runs.problems
+        assert list(runs.names()) == ["a", "day2/b"]
+
+
+_OPEN_AT_ONCE = """
+import sys
+from mindstage.episodes.memory import EpisodeMemory
+from mindstage.knowledge.history import EventFilter
+print("ready", flush=True)
+sys.stdin.readline()
+with EpisodeMemory(sys.argv[1]) as runs:
+    print(len(runs.names()), len(list(runs.find_events(EventFilter()))))
+"""
+
+
+def test_processes_that_open_a_new_memory_at_once_have_the_same_index(tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    runs.mkdir()
+    with KnowledgeBase() as knowledge:
+        write_episode(kitchenette_episode(), runs / "0.mcap", knowledge=knowledge)
+    for number in (1, 2):
+        shutil.copy(runs / "0.mcap", runs / f"{number}.mcap")
+    command = [sys.executable, "-c", _OPEN_AT_ONCE, str(runs)]
+    pipe = subprocess.PIPE
+    processes = [subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) for _ in range(4)]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    for process in processes:
+        assert process.stdin is not None
+        process.stdin.write("\n")
+        process.stdin.flush()
+    answers = {process.communicate(timeout=60.0)[0] for process in processes}
+    assert [process.returncode for process in processes] == [0] * 4
+    with EpisodeMemory(runs) as alone:
+        events = len(list(alone.find_events(EventFilter())))
+    assert answers == {f"3 {events}\n"}
+
+
+@pytest.mark.parametrize("damaged_from", [100, 4096])
+def test_a_damaged_index_is_refused_with_what_to_do(folder: Path, damaged_from: int) -> None:
+    with EpisodeMemory(folder):
+        pass
+    index = folder / INDEX_NAME
+    content = index.read_bytes()
+    index.write_bytes(content[:damaged_from] + b"\xff" * (len(content) - damaged_from))
+    refused = pytest.raises(EpisodeFileError, match=f"{INDEX_NAME}.*remove it: it will be made again")
+    with refused, EpisodeMemory(folder) as runs:
+        runs.names()
+    index.unlink()
+    with EpisodeMemory(folder) as runs:
+        assert list(runs.names()) == ["a", "day2/b"]

@@ -12,10 +12,10 @@ import os
 import sqlite3
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import RLock
-from typing import Any, NamedTuple, Self, cast
+from typing import Any, NamedTuple, Self
 from urllib.parse import quote, unquote_to_bytes
 
 import msgspec
@@ -38,6 +38,8 @@ __all__ = ["EpisodeMemory", "MemoryProblem"]
 INDEX_NAME = "episodes.index.sqlite"
 _VERSION = 1
 """The version of the tables; an index of another version is made again."""
+_LOCK_TIMEOUT_S = 30.0
+"""Longest time for which another process may be writing to the index [s]."""
 _OPEN_FILES = 4
 _HASH_BLOCK_BYTES = 1 << 20
 _MAX_VARIABLES = 500
@@ -101,7 +103,7 @@ class EpisodeMemory:
 
         Raises:
             InvalidArgumentError: there is no such folder.
-            EpisodeFileError: the file of the index is something else.
+            EpisodeFileError: the file of the index is something else, or damaged.
         """
         self.folder = Path(folder)
         if not self.folder.is_dir():
@@ -112,32 +114,52 @@ class EpisodeMemory:
         self._open_files: OrderedDict[str, EpisodeHistory] = OrderedDict()
         self._database = self._connect()
         try:
-            self.update(progress=progress)
+            self._follow_files(progress, retried=True)
         except BaseException:
             self._database.close()
             raise
 
     def _connect(self) -> sqlite3.Connection:
         writable = os.access(self.index if self.index.exists() else self.index.parent, os.W_OK)
-        database = sqlite3.connect(self.index if writable else ":memory:", check_same_thread=False, timeout=30.0)
+        database = sqlite3.connect(
+            self.index if writable else ":memory:",
+            check_same_thread=False,
+            timeout=_LOCK_TIMEOUT_S,
+            isolation_level=None,
+        )
         try:
-            (version,) = database.execute("pragma user_version").fetchone()
-            if version != _VERSION:
-                tables = database.execute("select name from sqlite_master where type = 'table'").fetchall()
-                if version == 0 and tables:
-                    raise EpisodeFileError(str(self.index), cause="it is a database of something else")
-                for (name,) in tables:
-                    database.execute(f'drop table "{name}"')
-                database.executescript(f"{_SCHEMA} pragma user_version = {_VERSION};")
+            with self._errors(), _transaction(database):
+                (version,) = database.execute("pragma user_version").fetchone()
+                if version != _VERSION:
+                    tables = database.execute("select name from sqlite_master where type = 'table'").fetchall()
+                    if version == 0 and tables:
+                        raise EpisodeFileError(str(self.index), cause="it is a database of something else")
+                    for (name,) in tables:
+                        database.execute(f'drop table "{name}"')
+                    for statement in (*_SCHEMA.split(";")[:-1], f"pragma user_version = {_VERSION}"):
+                        database.execute(statement)
             database.execute("pragma foreign_keys = on")
-        except sqlite3.DatabaseError as error:
-            database.close()
-            remedy = "remove it: it will be made again"
-            raise EpisodeFileError(str(self.index), cause=f"it is no index: {error}", remedy=remedy) from error
         except BaseException:
             database.close()
             raise
         return database
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Names the index in errors of the database: it is locked, damaged, or no database."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            if "locked" not in str(error):
+                raise self._index_error(error) from error
+            cause = f"another process has been writing to it for {_LOCK_TIMEOUT_S:g} s"
+            raise EpisodeFileError(str(self.index), cause=cause, remedy="wait for it, or give another index") from error
+        except sqlite3.DatabaseError as error:
+            raise self._index_error(error) from error
+
+    def _index_error(self, error: sqlite3.DatabaseError) -> EpisodeFileError:
+        remedy = "remove it: it will be made again"
+        return EpisodeFileError(str(self.index), cause=f"it is no index: {error}", remedy=remedy)
 
     def close(self) -> None:
         """Closes the index and the files; may be called repeatedly."""
@@ -161,34 +183,41 @@ class EpisodeMemory:
         """Indexes the files that are new or have changed, and forgets those that are gone.
 
         A file with the size and the time of modification that the index has is not read; one with the same content,
-        such as a copy, is not indexed again.
+        such as a copy, is not indexed again. A file that could not be read is tried again when the memory is opened.
+        Several processes may do this at the same time.
 
         Returns:
             The number of files that were indexed.
+
+        Raises:
+            EpisodeFileError: the index is damaged, or another process does not stop writing to it.
         """
+        return self._follow_files(progress, retried=False)
+
+    def _follow_files(self, progress: Callable[[int, int], None] | None, *, retried: bool) -> int:
         done = 0
-        with self._lock:
-            rows = self._database.execute("select name, number, size, modified_ns, digest from episodes")
-            known: dict[str, tuple[int, int, int, bytes]] = {name: rest for name, *rest in rows}
+        with self._lock, self._errors():
+            rows = self._database.execute("select name, size, modified_ns, digest, problem from episodes")
+            known: dict[str, tuple[int, int, bytes, str | None]] = {name: rest for name, *rest in rows}
             paths = {self._name(path): path for path in sorted(self.folder.rglob("*.mcap")) if path.is_file()}
             for at, (name, path) in enumerate(paths.items()):
                 status = path.stat()
                 stamp = status.st_size, status.st_mtime_ns
-                number, size, modified_ns, digest = known.get(name, (None, None, None, b""))
-                if (size, modified_ns) != stamp:
+                size, modified_ns, digest, problem = known.get(name, (None, None, b"", None))
+                if (size, modified_ns) != stamp or (retried and problem is not None):
                     now = _digest(path)
-                    if now == digest:
-                        sql = "update episodes set modified_ns = ? where number = ?"
-                        self._database.execute(sql, (status.st_mtime_ns, number))
+                    if now == digest and problem is None:
+                        sql = "update episodes set modified_ns = ? where name = ?"
+                        self._database.execute(sql, (status.st_mtime_ns, name))
                     else:
-                        self._index(name, path, stamp, now)
-                        done += 1
-                    self._database.commit()
+                        found = self._index(name, path, stamp, now)
+                        done += now != digest or found != problem
                 if progress is not None:
                     progress(at + 1, len(paths))
             gone = [(name,) for name in known.keys() - paths.keys()]
-            self._database.executemany("delete from episodes where name = ?", gone)
-            self._database.commit()
+            if gone:
+                with _transaction(self._database):
+                    self._database.executemany("delete from episodes where name = ?", gone)
         return done
 
     def _name(self, path: Path) -> str:
@@ -196,38 +225,35 @@ class EpisodeMemory:
         name = path.relative_to(self.folder).with_suffix("").as_posix()
         return name if name == without_surrogates(name) else quote(os.fsencode(name))
 
-    def _index(self, name: str, path: Path, stamp: tuple[int, int], digest: bytes) -> None:
+    def _index(self, name: str, path: Path, stamp: tuple[int, int], digest: bytes) -> str | None:
+        """Reads a file into the index; returns why it cannot be read."""
         self._drop(name)
-        self._database.execute("delete from episodes where name = ?", (name,))
+        times: tuple[float | None, ...] = (None, None, None)
+        things: list[tuple[str, ...]] = []
+        events: list[tuple[object, ...]] = []
+        problem = None
         try:
             history = open_episode(path, name=name)
+            try:
+                things = [(each.iri, each.id, each.cls) for each in history.bodies()]
+                events = [_event_row(event) for event in history.events()]
+                times = (history.begin_s, history.end_s, history.start_unix_s)
+            finally:
+                _close(history)
         except MindstageError as error:
-            self._insert_episode(name, stamp, digest, None, str(error))
-            return
-        try:
-            number = self._insert_episode(name, stamp, digest, history, None)
-            things = [(each.iri, each.id, each.cls) for each in history.bodies()]
-            events = [_event_row(number, event) for event in history.events()]
-        except MindstageError as error:
-            self._database.rollback()
-            self._insert_episode(name, stamp, digest, None, str(error))
-        else:
-            self._database.executemany("insert or ignore into things (iri, id, class) values (?, ?, ?)", things)
-            own = "select ?, number from things where iri = ? and id = ? and class = ?"
-            self._database.executemany(f"insert or ignore into presence {own}", [(number, *each) for each in things])
-            self._database.executemany(f"insert into events values ({', '.join('?' * 11)})", events)
-        finally:
-            _close(history)
-
-    def _insert_episode(
-        self, name: str, stamp: tuple[int, int], digest: bytes, history: EpisodeHistory | None, problem: str | None
-    ) -> int:
-        times = (None, None, None) if history is None else (history.begin_s, history.end_s, history.start_unix_s)
-        sql = (
-            "insert into episodes (name, size, modified_ns, digest, begin_s, end_s, start_unix_s, problem) "
-            "values (?, ?, ?, ?, ?, ?, ?, ?)"
-        )
-        return cast("int", self._database.execute(sql, (name, *stamp, digest, *times, problem)).lastrowid)
+            problem, things = str(error), []
+        database = self._database
+        with _transaction(database):
+            database.execute("delete from episodes where name = ?", (name,))
+            own = "name, size, modified_ns, digest, begin_s, end_s, start_unix_s, problem"
+            values = (name, *stamp, digest, *times, problem)
+            number = database.execute(f"insert into episodes ({own}) values (?, ?, ?, ?, ?, ?, ?, ?)", values).lastrowid
+            database.executemany("insert or ignore into things (iri, id, class) values (?, ?, ?)", things)
+            present = "select ?, number from things where iri = ? and id = ? and class = ?"
+            database.executemany(f"insert or ignore into presence {present}", [(number, *each) for each in things])
+            columns = ", ".join("?" * 11)
+            database.executemany(f"insert into events values ({columns})", [(number, *each) for each in events])
+        return problem
 
     @property
     def problems(self) -> tuple[MemoryProblem, ...]:
@@ -241,7 +267,7 @@ class EpisodeMemory:
         return path if path.exists() else self.folder / os.fsdecode(unquote_to_bytes(f"{name}.mcap"))
 
     def _rows(self, sql: str, values: Sequence[object] = ()) -> list[tuple[Any, ...]]:
-        with self._lock:
+        with self._lock, self._errors():
             return self._database.execute(sql, values).fetchall()
 
     # -- as a source of episodes ---------------------------------------------------------------------------------------
@@ -395,10 +421,22 @@ def _digest(path: Path) -> bytes:
     return made.digest()
 
 
-def _event_row(number: int, event: PastEvent) -> tuple[object, ...]:
+@contextmanager
+def _transaction(database: sqlite3.Connection) -> Iterator[None]:
+    """Locks a database for writing, and writes all that is done in the `with` block, or nothing."""
+    database.execute("begin immediate")
+    try:
+        yield
+    except BaseException:
+        database.rollback()
+        raise
+    database.commit()
+
+
+def _event_row(event: PastEvent) -> tuple[object, ...]:
     evidence = msgspec.json.encode(event.evidence).decode()
     own = (event.id, event.kind, event.begin_s, event.end_s, event.thing, event.other, event.agent, event.joint)
-    return (number, *own, event.amount, evidence)
+    return (*own, event.amount, evidence)
 
 
 def _event(
