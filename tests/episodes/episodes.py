@@ -6,17 +6,18 @@ import math
 from functools import cache
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn, SearchStrategy
 
 from mindstage.engines.mujoco import MujocoEngine
-from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording
+from mindstage.episodes import EpisodeEvent, EpisodeEventKind, EpisodeFrame, FrameRecording, event_process
 from mindstage.knowledge import KnowledgeBase
 from mindstage.scene import BodyId
 from mindstage.simulation import Simulation
 from tests.kitchenette import kitchenette
 
-__all__ = ["EVENTS", "episodes", "kitchenette_episode"]
+__all__ = ["EVENTS", "episodes", "execute_in_detection", "failing_detection", "kitchenette_episode"]
 
 MUG, DRAWER = BodyId("Mug"), BodyId("Drawer")
 EVENTS = (
@@ -130,3 +131,23 @@ def _events(end_s: float) -> SearchStrategy[EpisodeEvent]:
         )
 
     return event()
+
+
+def failing_detection(begin_s: float, end_s: float) -> str:
+    """Code with which the detection of events fails between two times of a recording."""
+    return f"""
+from mindstage.episodes import tracking
+sample = tracking.MotionTracker.sample
+def fail(self, time_s, *args):
+    if {begin_s} < time_s < {end_s}:
+        raise IndexError("a planted bug")
+    return sample(self, time_s, *args)
+tracking.MotionTracker.sample = fail
+"""
+
+
+def execute_in_detection(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
+    """Executes code in the processes that detect events, before they do."""
+    event_process.end_idle()
+    monkeypatch.setattr(event_process, "_CODE", code + event_process._CODE)
+    monkeypatch.setattr(event_process, "_IDLE_S", 0.0)

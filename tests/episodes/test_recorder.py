@@ -36,6 +36,7 @@ from mindstage.scene.edits import Attach, Delete, SetLabel, SetPoses
 from mindstage.simulation import Simulation
 from mindstage.simulation.observation import as_client
 from tests.conftest import missing
+from tests.episodes.episodes import execute_in_detection, failing_detection
 from tests.kitchenette import kitchenette
 from tests.viewer.waiting import wait_until
 
@@ -467,28 +468,10 @@ def test_a_full_disk_stops_the_recording_and_not_the_simulation(
         recorder.stop()
 
 
-PLANTED = """
-from mindstage.episodes import tracking
-sample = tracking.MotionTracker.sample
-def fail(self, time_s, *args):
-    if 0.9 < time_s < 1.1:
-        raise IndexError("a planted bug")
-    return sample(self, time_s, *args)
-tracking.MotionTracker.sample = fail
-"""
-
-
-def _plant(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
-    """Executes code in the processes that detect events, before they do."""
-    event_process.end_idle()
-    monkeypatch.setattr(event_process, "_CODE", code + event_process._CODE)
-    monkeypatch.setattr(event_process, "_IDLE_S", 0.0)
-
-
 def test_a_fault_in_the_detection_of_events_is_shown_at_once_and_nothing_else_is_lost(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _plant(monkeypatch, PLANTED)
+    execute_in_detection(monkeypatch, failing_detection(0.9, 1.1))
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         simulation.step(0.5)
         assert recorder.error is None
@@ -532,7 +515,7 @@ def _bump(simulation: Simulation, *, seconds: float = 1.0) -> None:
 def test_without_its_process_events_are_detected_when_the_file_is_read(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str
 ) -> None:
-    _plant(monkeypatch, code)
+    execute_in_detection(monkeypatch, code)
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
         _bump(simulation)
         recorder.flush()
@@ -548,7 +531,7 @@ def test_without_its_process_events_are_detected_when_the_file_is_read(
 def test_a_detection_that_cannot_follow_is_given_up_and_said_so(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _plant(monkeypatch, "import time; time.sleep(60)\n")
+    execute_in_detection(monkeypatch, "import time; time.sleep(60)\n")
     monkeypatch.setattr(event_process, "_PIPE_BYTES", 4096)
     monkeypatch.setattr(event_process, "_MAX_UNSENT_BYTES", 20_000)
     monkeypatch.setattr(recorder_module, "_LATE_S", 0.0)
@@ -564,7 +547,7 @@ def test_a_detection_that_cannot_follow_is_given_up_and_said_so(
 def test_a_detection_that_hangs_does_not_hang_the_recording(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _plant(monkeypatch, "import time; time.sleep(60)\n")
+    execute_in_detection(monkeypatch, "import time; time.sleep(60)\n")
     monkeypatch.setattr(recorder_module, "_STOP_TIMEOUT_S", 1.0)
     monkeypatch.setattr(recorder_module, "_SILENT_S", 0.5)
     with Recorder(simulation, tmp_path / "run.mcap") as recorder:
@@ -578,12 +561,10 @@ def test_a_detection_that_hangs_does_not_hang_the_recording(
 def test_stopping_waits_as_long_as_there_is_progress(
     simulation: Simulation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorder_module, "_STOP_TIMEOUT_S", 0.5)
-    monkeypatch.setattr(recorder_module, "_WAIT_S", 0.05)
     write_map = recorder_module.write_map
 
     def compute_long(world: World) -> str:
-        end_s = time.thread_time() + 1.5
+        end_s = time.thread_time() + 3.0
         while time.thread_time() < end_s:
             pass
         return write_map(world)
@@ -591,6 +572,10 @@ def test_stopping_waits_as_long_as_there_is_progress(
     recorder = Recorder(simulation, tmp_path / "run.mcap")
     simulation.step(0.5)
     recorder.flush()
+    stuck = Recorder(simulation, tmp_path / "stuck.mcap")
+    stuck.flush()
+    monkeypatch.setattr(recorder_module, "_STOP_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(recorder_module, "_WAIT_S", 0.05)
     monkeypatch.setattr(recorder_module, "write_map", compute_long)
     parts: list[float] = []
     recorder.stop(progress=parts.append)
@@ -604,8 +589,6 @@ def test_stopping_waits_as_long_as_there_is_progress(
         return write_map(world)
 
     released = threading.Event()
-    stuck = Recorder(simulation, tmp_path / "stuck.mcap")
-    stuck.flush()
     monkeypatch.setattr(recorder_module, "write_map", wait_long)
     with pytest.raises(EpisodeFileError, match="nothing was written"):
         stuck.stop()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mindstage import KnowledgeBase, NullEngine, Simulation
-from mindstage.episodes import EpisodeFrame, FrameRecording, tracking
+from mindstage.episodes import EpisodeFrame, FrameRecording
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.replay import EpisodeReplay
 from mindstage.errors import BodyNotFoundError
@@ -20,6 +20,7 @@ from mindstage.viewer import Viewer
 from mindstage.viewer.episodes import TimelineHandler, path_of
 from mindstage.viewer.ghosts import GhostNodes
 from mindstage.viewer.server import RpcChannel
+from tests.episodes.episodes import execute_in_detection, failing_detection
 from tests.episodes.kitchenette_recording import EVENTS, MUG, kitchenette_recording
 from tests.kitchenette import kitchenette
 from tests.viewer.fake_server import FakeServer
@@ -211,14 +212,7 @@ def test_recording_from_a_page_is_shown_to_all_and_gives_the_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    sample = tracking.MotionTracker.sample
-
-    def fail(self: tracking.MotionTracker, time_s: float, *args: Any) -> Any:
-        if time_s > 0.3:
-            raise IndexError("a planted bug")
-        return sample(self, time_s, *args)
-
-    monkeypatch.setattr(tracking.MotionTracker, "sample", fail)
+    execute_in_detection(monkeypatch, failing_detection(0.3, 9.0))
     with Simulation(KnowledgeBase(), NullEngine(), primitive_shapes=True) as sim:
         sim.spawn(World(iri=kitchenette().iri, name="Ann's  kitchen / 2", bodies=kitchenette().bodies))
         with (
