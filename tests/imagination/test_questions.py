@@ -13,6 +13,7 @@ import pytest
 from mindstage.engines import Capability, NullEngine
 from mindstage.engines.mujoco import MujocoEngine
 from mindstage.errors import InvalidArgumentError, NameNotFoundError, PlanError
+from mindstage.imagination import trials
 from mindstage.imagination.plans import Plan, Wait
 from mindstage.imagination.trials import Trial, Trials, parse_uncertainty, plan_from_text
 from mindstage.imagination.verdicts import evaluate_plan
@@ -262,6 +263,22 @@ def test_an_uncertain_edit_gives_each_answer_its_share_of_the_samples(sim: Simul
     assert set(shares) == {"Cupboard", "Floor"}
     assert sum(shares.values()) == pytest.approx(1.0)
     assert all(row.tried == 10 for row in rows)
+
+
+def test_a_busy_machine_tries_one_sample_and_says_what_it_did_not_try(
+    sim: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(trials, "_BUDGET_S", 0.0)
+    (row,) = sim.ask("what_if", "open Drawer", "articulated_parts Cupboard", wait_s=0.2)
+    assert (row.probability, row.tried) == (1.0, 1)
+    edit = '{"steps": [{"do": "open", "thing": "Drawer"}], "uncertainty": [{"thing": "Mug", "mass": 0.1}]}'
+    (row,) = sim.ask("what_if", edit, "articulated_parts Cupboard", wait_s=0.2, samples=3)
+    assert (row.probability, row.tried) == (1.0, 1)
+    assert "2 samples not tried" in row.why
+    monkeypatch.setattr(trials, "_FIRST_SAMPLE_S", 0.0)
+    answers = sim.ask("what_if", "open Drawer", "articulated_parts Cupboard", wait_s=0.2)
+    assert not answers
+    assert reasons(answers).startswith("no sample ended: ")
 
 
 def test_without_an_answer_the_reasons_are_those_after_the_edit(sim: Simulation) -> None:

@@ -659,6 +659,9 @@ def _missing_what_if(kb: QuestionContext, asked: AskedArguments) -> Iterator[Mis
         yield missing_arguments("no map or simulation is loaded, so there is nothing to edit")
         return
     trials, answers = asked.present.memo["what if",]
+    if trials.probability is None:
+        yield missing_arguments(f"no sample ended: {trials.why}")
+        return
     if trials.probability == 0.0:
         yield missing_arguments(f"the edit cannot be made: {trials.why}")
         return

@@ -70,6 +70,8 @@ Heading = Annotated[float, Meta(ge=-36_000.0, le=36_000.0, extra={"unit": "degre
 OpenShare = Annotated[float, Meta(ge=0.01, le=1.0)]
 _BUDGET_S = 10.0
 """The time after which a question takes no more samples [s]."""
+_FIRST_SAMPLE_S = 60.0
+"""The longest time of the first sample, without which there is no answer [s]: a busy machine needs longer."""
 _MAX_EDIT_CHARACTERS = 20_000
 
 
@@ -297,13 +299,12 @@ def run_trials(
         runner = PlanRunner(start, plan, seed=seed or 0)
     uncertain = is_uncertain(plan)
     count = (samples or DEFAULT_SAMPLES) if uncertain else 1
-    deadline = time.monotonic() + _BUDGET_S
+    begin_s, done = time.monotonic(), 0
 
     def is_over() -> bool:
-        return time.monotonic() > deadline or is_stopped()
+        return time.monotonic() - begin_s > (_BUDGET_S if done else _FIRST_SAMPLE_S) or is_stopped()
 
     found: dict[BodyId, list[Trial]] = {}
-    done = 0
     for index in range(count):
         with scene.image.restore() as copy:
             result = runner.run(copy, index, stop=is_over)
