@@ -282,7 +282,7 @@ class MeshLibrary:
         bodies = (Body(id=BodyId(cls), iri=cls, cls=cls, pose=IDENTITY, mesh=mesh) for mesh, cls in meshes)
         found = [self._index.find(body) for body in bodies]
         paths = (match.path for match in found if match is not None)
-        imported, _ = import_meshes(paths, folder=self._cache, decompose=False, progress=self._progress)
+        imported, _ = import_meshes(paths, folder=self._cache, decompose=self._decompose, progress=self._progress)
         known = (None if match is None else imported.get(match.path) for match in found)
         return [None if mesh is None else (_vector(mesh.low), _vector(mesh.high)) for mesh in known]
 

@@ -237,7 +237,7 @@ os.register_at_fork(before=_lock.acquire, after_in_parent=_lock.release, after_i
 
 
 class EventProcess:
-    """The detection of the events of one recording; used by one thread. No method waits longer than it is told to."""
+    """The detection of the events of one recording; used by one thread. Only `exchange` waits for replies."""
 
     def __init__(self, *, has_joints: bool, has_contacts: bool) -> None:
         """Starts the process.

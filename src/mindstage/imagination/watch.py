@@ -174,9 +174,10 @@ class EventWatch:
         for row in fallen.tolist():
             self._add_fall(layout.ids[rows[row]], float(drop[row]))
         for row in np.flatnonzero(cosines < _TIP_COSINE).tolist():
-            id, angle = layout.ids[rows[row]], acos(float(np.clip(cosines[row], -1.0, 1.0)))
+            id = layout.ids[rows[row]]
             if (EventKind.FELL, id) in self._reported:
                 continue
+            angle = acos(float(np.clip(cosines[row], -1.0, 1.0)))
             self._add(EventKind.TIPPED, id, f"{id} tipped over, by {np.degrees(angle):.0f} degrees", amount=angle)
         if len(fallen) and self._bounds is not None:
             for row in fallen[self._bounds.is_left(poses[fallen, :3])].tolist():

@@ -448,16 +448,14 @@ class _AppearanceSolver:
 
         Each is a fixed, upright plate, as tall as a doorway and wider than furniture; nearly everything is on one side.
         """
-        thin, middle, wide = np.sort(self.half, axis=1).T
-        axes = np.argmin(self.half, axis=1)
-        normals = np.take_along_axis(self.rotation, axes[:, None, None], axis=2)[:, :, 0]
-        heights = 2 * np.einsum("ni,ni->n", np.abs(self.rotation[:, 2]), self.half)
-        found = np.array([body.cls == URDF_LINK and not body.physics.is_dynamic for body in self.bodies], dtype=bool)
-        found &= (thin < _MAX_THIN_RATIO * middle) & (np.abs(normals[:, 2]) < _MAX_UPRIGHT_SINE)
-        found &= (heights > _MIN_DOORWAY_M) & (2 * wide > _MAX_FURNITURE_M)
+        found = np.zeros(len(self.bodies), dtype=bool)
+        for row, body in enumerate(self.bodies):
+            if body.cls == URDF_LINK and not body.physics.is_dynamic and self._is_tall_panel(row):
+                found[row] = self._is_upright(row) and 2 * self.half[row].max() > _MAX_FURNITURE_M
         centers = self.center[~(self.is_shell | self.is_building | found)]
         for row in np.flatnonzero(found).tolist():
-            is_beyond = (centers - self.center[row]) @ normals[row] > 0.0
+            normal = self.rotation[row][:, np.argmin(self.half[row])]
+            is_beyond = (centers - self.center[row]) @ normal > 0.0
             share = float(is_beyond.mean()) if len(is_beyond) else 0.5
             found[row] = max(share, 1.0 - share) >= _MIN_OBJECTS_BESIDE
         return found
@@ -487,9 +485,12 @@ class _AppearanceSolver:
         shape = self.rules[self.bodies[row].cls].shape_type
         if not is_flat or self.bodies[row].physics.is_dynamic or shape in _OPERATED_SHAPES:
             return None
-        axis = int(np.argmin(self.half[row]))
-        is_upright = abs(float(self.rotation[row][2, axis])) < _MAX_UPRIGHT_SINE
-        return axis if is_upright or self.center[row, 2] > self.furniture_top else None
+        is_mounted = self._is_upright(row) or self.center[row, 2] > self.furniture_top
+        return int(np.argmin(self.half[row])) if is_mounted else None
+
+    def _is_upright(self, row: int) -> bool:
+        """Whether the axis across which a body is thinnest is horizontal."""
+        return abs(float(self.rotation[row][2, np.argmin(self.half[row])])) < _MAX_UPRIGHT_SINE
 
     def _is_tall_panel(self, row: int) -> bool:
         height = 2 * float(np.abs(self.rotation[row][2]) @ self.half[row])

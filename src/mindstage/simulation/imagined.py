@@ -213,7 +213,7 @@ def commit_edits(
 ) -> tuple[str, ...]:
     """Makes the edits of a copy in its original, all or none; see `Simulation.commit`.
 
-    Joints that were pulled before an edit is refused stay there if the engine cannot save states; the error says so.
+    Joints that were pulled before an edit is refused stay there if the engine cannot save states; the error lists them.
 
     Args:
         engine: the engine of the copy.

@@ -56,7 +56,7 @@ _GAP_M = 0.5
 _SHOWN_EVENTS = 4
 """The number of events that the page shows while it is recorded."""
 _LATE_S = 2.0
-"""How late events are if the page says so [s]."""
+"""Smallest delay of events that the page shows [s]."""
 _STATES = {EpisodeEventKind.CONTACT, EpisodeEventKind.SUPPORT, EpisodeEventKind.CONTAINMENT}
 """Kinds that are not shown while it is recorded: they are too many."""
 _log = logging.getLogger(__name__)
