@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -129,6 +130,7 @@ def spawned_map(
     *,
     strict: bool,
     ground: bool = True,
+    check_rest: bool = True,
     in_empty_world: bool = False,
 ) -> Iterator[SpawnedMap]:
     """Reads a map and spawns it; the simulation is closed at the end of the `with` block.
@@ -138,6 +140,7 @@ def spawned_map(
         options: how they are read, and which map is spawned how.
         strict: whether a map with findings is rejected.
         ground: see `Simulation.spawn`.
+        check_rest: see `Simulation.spawn`.
         in_empty_world: whether a remote world must be empty, and is cleared at the end; see `exclusive`.
     """
     engine = make_engine(options.engine)  # before the map is read, so that a wrong name fails at once
@@ -155,7 +158,7 @@ def spawned_map(
         if in_empty_world:
             stack.enter_context(exclusive(simulation))
         with progress_spinner("spawning"), timings.measure("spawn"):
-            report = simulation.spawn(world, ground=ground, check_rest=True)
+            report = simulation.spawn(world, ground=ground, check_rest=check_rest)
         yield SpawnedMap(
             simulation=simulation, knowledge=knowledge, world=world, findings=findings, report=report, timings=timings
         )
@@ -359,18 +362,23 @@ def check(
     if gc.isenabled():  # this verb creates no reference cycles, and keeps nearly all objects until its end
         gc.disable()
         close_at_end(gc.enable)
-    with spawned_map(maps, options, strict=strict, ground=ground, in_empty_world=True) as spawned:
-        engine_name, world, timings = spawned.simulation.engine.name, spawned.world, spawned.timings
+    opened = spawned_map(maps, options, strict=strict, ground=ground, check_rest=False, in_empty_world=True)
+    with opened as spawned, ThreadPoolExecutor(1) as second_thread:
+        simulation, world, timings = spawned.simulation, spawned.world, spawned.timings
+        engine_name = simulation.engine.name
         with progress_spinner("logging"), timings.measure("log"):
-            logged = spawned.simulation.snapshot()
-    with progress_spinner("writing and reading back"), timings.measure("file"):
-        origin = spawned.knowledge.source_view(world.iri)
-        needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
-        name = "logged.ttl" if needs_turtle else "logged.owl"
-        written = _file_round_trip(name, logged, origin, options)
-        written.world(world.iri)
-    with progress_spinner("comparing"), timings.measure("compare"):
-        by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
+            logged = simulation.snapshot()
+        checked = second_thread.submit(simulation.with_rest, spawned.report)  # MuJoCo steps without Python's lock
+        with progress_spinner("writing and reading back"), timings.measure("file"):
+            origin = spawned.knowledge.source_view(world.iri)
+            needs_turtle = any(Path(map).suffix.lower() in _NON_XML_SUFFIXES for map in maps)
+            name = "logged.ttl" if needs_turtle else "logged.owl"
+            written = _file_round_trip(name, logged, origin, options)
+            written.world(world.iri)
+        with progress_spinner("comparing"), timings.measure("compare"):
+            by_engine, found, lost = _compare_round_trip(world, logged, written, origin, delta)
+        with progress_spinner("simulating"), timings.measure("rest"):
+            spawned = replace(spawned, report=checked.result())
     identical = by_engine.identical(delta) and found.identical(delta) and not lost
     # A difference caused by the engine is in the file too; it is printed once.
     difference = found if by_engine.identical(delta) else by_engine

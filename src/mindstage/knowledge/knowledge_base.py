@@ -64,7 +64,7 @@ from mindstage.rdf.vocabulary import (
     TYPE,
     xsd,
 )
-from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, World
+from mindstage.scene import Body, FactValue, Iri, IriRef, Joint, Light, Literal, PropertyAssertion, Vector, World
 from mindstage.scene.display import counted
 
 if TYPE_CHECKING:  # not every program needs these
@@ -170,6 +170,8 @@ class KnowledgeBase:
         self._registry = SourceRegistry(folder=store, endpoint=endpoint)
         self._store = self._registry.store
         self._worlds: dict[Iri, World] = {}
+        self._stated_worlds: dict[Iri, World] = {}
+        """Those that follow from the statements of their maps alone, as far as they were read."""
         self._assumptions: dict[tuple[Iri, str], Assumption] = {}
         self._mesh_bounds: MeshBounds | None = None
         self._world_cache: WorldCache | None = None
@@ -224,6 +226,7 @@ class KnowledgeBase:
         self._store = self._registry.store
         self._world_cache, self._is_as_loaded = None, False
         self._is_index_due, self._at_exit = False, None
+        self._stated_worlds = {}
         self._change_callbacks = []
         self._episodes = ()
 
@@ -422,7 +425,8 @@ class KnowledgeBase:
             source_map = self._source_map(self._resolve_map(map))
             implied = self._registry.implied_members(source_map.map)
             names = self._registry.current_names(source_map.map)
-            return SourceMapView(replace(source_map, implied_members=implied, current_names=names))
+            source_map = replace(source_map, implied_members=implied, current_names=names)
+            return SourceMapView(source_map, world=self._stated_worlds.get(source_map.map))
 
     def find_file(self, name: str) -> Path | None:
         """The file that a mesh name refers to (`package://…`, or a path relative to its map); None if there is none."""
@@ -860,6 +864,7 @@ class KnowledgeBase:
         if self.reasoner.update(quads):  # the world of a map may have been read with other classes
             self._worlds.clear()
             self._drop_cached("_scene_entities", "_taxonomy")
+        self._stated_worlds.clear()
         self._drop_cached("_answer_cache", "_derived", "_shape_resolver")
         self._report_change(quads)
 
@@ -881,6 +886,7 @@ class KnowledgeBase:
             names = [name for graph in graphs for name in self.reasoner.add_graph(graph)]
             self.names.add(names)
         self._worlds.clear()
+        self._stated_worlds.clear()
         self._drop_cached(
             "_scene_entities", "_taxonomy", "_answer_cache", "_derived", "_shape_resolver", "_prefix_table"
         )
@@ -936,7 +942,11 @@ class KnowledgeBase:
             source_map = self._source_map(map)
             report, assume = report or source_map.report, assume or source_map.add_assumption
             source_map = replace(source_map, report=report, add_assumption=assume)
-            world = with_portable_bodies(read_world(source_map), source_map, self.shape_rule)
+            bounds = _RecordedBounds(source_map.mesh_bounds)
+            stated = read_world(replace(source_map, mesh_bounds=bounds))
+            if source_map.conventions == UnitConventions() and not bounds.found:
+                self._stated_worlds[map] = stated
+            world = with_portable_bodies(stated, source_map, self.shape_rule)
             report_implausible(world, source_map, self._declared_classes)
             return world
 
@@ -982,6 +992,19 @@ class KnowledgeBase:
 
     def _add_finding(self, severity: Severity, individual: str, property: str, problem: str, action: str) -> None:
         self._registry.findings[Finding(severity, individual, property, problem, action)] = None
+
+
+class _RecordedBounds:
+    """Bounds of meshes, and whether any was found."""
+
+    def __init__(self, bounds: MeshBounds | None) -> None:
+        self._bounds = bounds
+        self.found = False
+
+    def __call__(self, meshes: Sequence[tuple[str | None, Iri]]) -> Sequence[tuple[Vector, Vector] | None]:
+        bounds = self._bounds(meshes) if self._bounds else [None] * len(meshes)
+        self.found |= any(bounds)
+        return bounds
 
 
 def _resolve_question(

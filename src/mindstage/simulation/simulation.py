@@ -277,10 +277,17 @@ class Simulation:
         with self._tick_delay.preparing():
             description = world if isinstance(world, World) else self.knowledge.world(world)
         report = self._spawn(description, make, self._geometry_provider, geometry=geometry, **options)
-        if check_rest and not is_remote(self.engine.name):
-            report = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
-            self._reports = (*self._reports[:-1], report)
+        if check_rest:
+            report = self.with_rest(report)
         return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
+
+    def with_rest(self, report: SpawnReport) -> SpawnReport:
+        """The report of a spawn with the bodies that move away, as `spawn` returns it with `check_rest`."""
+        if is_remote(self.engine.name):
+            return report
+        checked = replace(report, moved=self.check_rest(), rest_checked_s=REST_CHECK_S)
+        self._reports = (*self._reports[:-1], checked)
+        return checked
 
     def _spawn(
         self,

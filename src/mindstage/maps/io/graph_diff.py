@@ -36,6 +36,8 @@ class SourceMapView:
 
     source_map: SourceMap
     """The map with all that is needed to read its dialect."""
+    world: World | None = None
+    """The world that these statements alone describe, if they have been read before."""
 
     def before_conversion(self) -> SourceMapView | None:
         """The map before its numbers were converted; None if it does not declare a conversion."""

@@ -99,13 +99,12 @@ class _SourceDialectWriter:
         self.target = _without_original_numbers(world)
         self.conventions = None if is_converted(self.source_map) else original_conventions(world.facts)
         self.has_boxes = _has_inferred_boxes(all_sections)
+        self.source_world = source_view.world
         self.source_order = {subject: at for at, subject in enumerate(self.source_map.graph)}
         self._statements: dict[Iri, dict[PropertyAssertion, list[PropertyAssertion]]] = {}
 
     def sections(self) -> Sequence[DocumentSection]:
-        source = [SubjectBlock(subject, list(facts)) for subject, facts in self.source_map.graph.items()]
-        difference = self._difference(source)
-        if difference.identical():
+        if self._differs_from(self._source_world()).identical():
             return self._sections(self._unchanged_blocks())
         all_blocks = [block for section in self.all_sections for block in section.blocks]
         # First without declarations, then with them, then with the boxes that were inferred instead of their evidence.
@@ -119,7 +118,7 @@ class _SourceDialectWriter:
                 restated |= touched & replaced
                 replaced |= touched
                 blocks = list(self._only_changes(full, replaced, restated, excluded))
-                difference = self._difference(blocks)
+                difference = self._differs_from(read_world(self._source_map_of(blocks)))
                 if difference.identical():
                     self._add_note(restated)
                     return self._with_moved_poses(self._sections(blocks), restated)
@@ -300,9 +299,14 @@ class _SourceDialectWriter:
             mesh_bounds=None,  # others may read the file without the meshes
         )
 
-    def _difference(self, blocks: Iterable[SubjectBlock]) -> WorldDiff:
-        """Returns the difference between the world and the one that is read from some blocks."""
-        return diff(self.target, _without_original_numbers(read_world(self._source_map_of(blocks))))
+    def _source_world(self) -> World:
+        if self.source_world is not None:
+            return self.source_world
+        graph = self.source_map.graph
+        return read_world(self._source_map_of(SubjectBlock(subject, list(facts)) for subject, facts in graph.items()))
+
+    def _differs_from(self, other: World) -> WorldDiff:
+        return diff(self.target, _without_original_numbers(other))
 
     def _changed_subjects(self, diff: WorldDiff, blocks: Iterable[SubjectBlock]) -> set[Iri]:
         """Returns the individuals that differ, and their nested resources."""
