@@ -273,3 +273,54 @@ def test_relations_of_a_large_scene_are_those_of_its_parts() -> None:
     found = relation_keys(world(*tables))
     assert len(found) == 1000
     assert all(body_id.strip("tablecup") == other.strip("tablecup") for body_id, _, other in found)
+
+
+def random_room(rng: np.random.Generator) -> World:
+    """Boxes in a heap: a room around it, containers, furniture with doors, things that stick together."""
+    sizes = [(8.0, 8.0, 3.0), *(tuple(rng.uniform(0.05, 2.0, 3)) for _ in range(rng.integers(3, 25)))]
+    bodies = [
+        body(
+            f"b{row}",
+            (0, 0, 1.5) if row == 0 else tuple(rng.uniform((-3, -3, 0), (3, 3, 2.5))),
+            size,
+            mobility="static" if row == 0 or rng.random() < 0.5 else "dynamic",
+        )
+        for row, size in enumerate(sizes)
+    ]
+    ends = [rng.choice(len(bodies), 2, replace=False) for _ in range(rng.integers(0, 5))]
+    joints = [revolute_joint(f"j{at}", f"b{a}", f"b{b}", (0, 0, 0)) for at, (a, b) in enumerate(ends)]
+    return world(*bodies, *joints, *(attachment(f"b{rng.integers(1, row)}", f"b{row}") for row in range(2, 5, 2)))
+
+
+def rows_of(relations: SpatialRelations) -> set[tuple[object, ...]]:
+    return {(each.body, each.relation, each.other, each.gap, each.overlap) for each in relations.related()}
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_moved_relations_are_those_of_the_moved_world(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    scene = random_room(rng)
+    relations = SpatialRelations(scene)
+    for _ in range(4):
+        rows = np.sort(rng.choice(len(scene.bodies), rng.integers(1, 4), replace=False))
+        bodies = list(scene.bodies)
+        for row in rows.tolist():
+            turn = normalized_pose_array(Pose((0, 0, 0), tuple(rng.normal(size=4))))
+            turn[:3] = rng.uniform((-3, -3, 0), (3, 3, 2.5))
+            bodies[row] = replace(bodies[row], pose=pose_from_array(turn))
+        scene = replace(scene, bodies=tuple(bodies))
+        relations, anew = relations.moved(scene, rows), SpatialRelations(scene)
+        assert rows_of(relations) == rows_of(anew)
+        assert set(relations.enclosing_bodies) == set(anew.enclosing_bodies)
+        some = [f"b{row}" for row in rng.choice(len(bodies), 2, replace=False)]
+        found = [(each.body, each.relation, each.other) for each in relations.related(subjects=some)]
+        wanted = [row[:3] for row in rows_of(anew) if row[0].id in some]
+        assert len(found) == len(wanted) and set(found) == set(wanted)
+
+
+def test_a_body_that_loses_its_place_is_no_longer_related() -> None:
+    scene = world(TABLE, cup(0, 0, 1.05))
+    lost = replace(scene, bodies=(TABLE, replace(scene.bodies[1], pose=Pose((float("nan"), 0, 0)))))
+    relations = SpatialRelations(scene).moved(lost, np.array([1]))
+    assert not rows_of(relations)
+    assert rows_of(relations.moved(scene, np.array([1]))) == rows_of(SpatialRelations(scene))

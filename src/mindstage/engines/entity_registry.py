@@ -7,8 +7,9 @@ cycle of attachments) with the same messages in all engines, and builds the snap
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot, isfinite
+from operator import is_
 from types import MappingProxyType
 
 import msgspec
@@ -25,7 +26,9 @@ from mindstage.scene import (
     Joint,
     Light,
     Mobility,
+    NamedResource,
     Pose,
+    PropertyAssertion,
     World,
 )
 from mindstage.scene.edits import BodyEdit, SetPhysics
@@ -87,6 +90,7 @@ class EntityRegistry:
         self._worlds: list[World] = []
         self._ids: tuple[BodyId, ...] | None = None
         self._rows: dict[BodyId, int] | None = None
+        self._last = _LastSnapshot()
 
     def copy(self) -> EntityRegistry:
         """An independent copy; the values are frozen and shared."""
@@ -96,7 +100,7 @@ class EntityRegistry:
         twin._children = {parent: dict(children) for parent, children in self._children.items()}
         twin.immovable = set(self.immovable)
         twin._worlds, twin._ids = list(self._worlds), self._ids
-        twin._rows = self._rows
+        twin._rows, twin._last = self._rows, replace(self._last)
         return twin
 
     @property
@@ -357,41 +361,84 @@ class EntityRegistry:
                 the tolerance is relative to the coordinates.
             tolerance_rad: the same for the rotation [rad].
         """
-        bodies = list(self.bodies.values())
-        if poses is not None:
-            bodies = self._moved_bodies(poses, tolerance_m, tolerance_rad)
+        bodies = self._moved_bodies(poses, tolerance_m, tolerance_rad)
+        facts, resources = self._facts_and_resources()
         return World(
             iri=self._worlds[0].iri if self._worlds else Iri("http://mindstage.org/maps/empty.owl#map"),
             name=self._worlds[0].name if self._worlds else "",
-            bodies=tuple(bodies),
-            joints=without_lost_masters(self._moved_joints(bodies, joint_frames)),
-            attachments=tuple(Attachment(parent=parent, child=child) for child, parent in self.parents.items()),
+            bodies=bodies,
+            joints=self._moved_joints(bodies, joint_frames),
+            attachments=self._attachments(),
             lights=tuple(self.lights.values()),
-            facts=tuple(fact for world in self._worlds for fact in world.facts),
-            resources=tuple(dict.fromkeys(resource for world in self._worlds for resource in world.resources)),
+            facts=facts,
+            resources=resources,
         )
 
-    def _moved_bodies(self, poses: Array, tolerance_m: float, tolerance_rad: float) -> list[Body]:
-        bodies = list(self.bodies.values())
-        described = pose_array(body.pose for body in bodies)
-        distance = np.abs(poses[:, :3] - described[:, :3]).max(axis=1, initial=0.0)
-        scale = np.maximum(1.0, np.abs(described[:, :3]).max(axis=1, initial=1.0))
-        is_unmoved = (distance <= tolerance_m * scale) & (quat_angle(described[:, 3:], poses[:, 3:]) <= tolerance_rad)
-        for row in np.flatnonzero(~is_unmoved).tolist():
-            bodies[row] = msgspec.structs.replace(bodies[row], pose=pose_from_array(poses[row]))
-        return bodies
+    def _facts_and_resources(self) -> tuple[tuple[PropertyAssertion, ...], tuple[NamedResource, ...]]:
+        last = self._last
+        if last.worlds != self._worlds:
+            last.worlds = list(self._worlds)
+            last.facts = tuple(fact for world in self._worlds for fact in world.facts)
+            last.resources = tuple(dict.fromkeys(resource for world in self._worlds for resource in world.resources))
+        return last.facts, last.resources
+
+    def _attachments(self) -> tuple[Attachment, ...]:
+        links = list(self.parents.items())
+        if links != self._last.links:
+            attachments = tuple(Attachment(parent=parent, child=child) for child, parent in links)
+            self._last.links, self._last.attachments = links, attachments
+        return self._last.attachments
+
+    def _moved_bodies(self, poses: Array | None, tolerance_m: float, tolerance_rad: float) -> tuple[Body, ...]:
+        """The bodies, at these poses; those of the last snapshot as far as they are the same."""
+        last, described = self._last, list(self.bodies.values())
+        if described != last.described:
+            last.described, last.described_poses = described, pose_array(body.pose for body in described)
+            last.bodies, last.poses = tuple(described), last.described_poses
+        now = last.described_poses if poses is None else poses
+        changed = np.flatnonzero((now != last.poses).any(axis=1))
+        if not len(changed):
+            return last.bodies
+        wanted, origin = now[changed], last.described_poses[changed]
+        distance = np.abs(wanted[:, :3] - origin[:, :3]).max(axis=1, initial=0.0)
+        scale = np.maximum(1.0, np.abs(origin[:, :3]).max(axis=1, initial=1.0))
+        is_moved = (distance > tolerance_m * scale) | (quat_angle(origin[:, 3:], wanted[:, 3:]) > tolerance_rad)
+        bodies = list(last.bodies)
+        for row, is_other, pose in zip(changed.tolist(), is_moved.tolist(), wanted, strict=True):
+            body = described[row]
+            bodies[row] = msgspec.structs.replace(body, pose=pose_from_array(pose)) if is_other else body
+        last.bodies, last.poses = tuple(bodies), now.copy()
+        return last.bodies
 
     def _moved_joints(
-        self, bodies: Sequence[Body], joint_frames: Mapping[BodyId, tuple[Array, Array]]
+        self, bodies: tuple[Body, ...], joint_frames: Mapping[BodyId, tuple[Array, Array]]
     ) -> tuple[Joint, ...]:
         """The joints, at the poses to which the bodies that hold them have moved them."""
-        known = [joint for joint in self.joints.values() if joint.id in joint_frames]
+        last, described = self._last, list(self.joints.values())
+        frames = [joint_frames.get(joint.id) for joint in described]
+        is_same = described == last.described_joints and all(map(is_, frames, last.frames))
+        if is_same and bodies is last.joined_bodies:
+            return last.joints
+        known = [joint for joint, frame in zip(described, frames, strict=True) if frame is not None]
+        moved = self._joint_poses(known, bodies, np.array([joint_frames[joint.id] for joint in known]).reshape(-1, 7))
+        last.described_joints, last.frames, last.joined_bodies = described, frames, bodies
+        last.joints = without_lost_masters(tuple(moved.get(joint.id, joint) for joint in described))
+        return last.joints
+
+    def _joint_poses(self, known: Sequence[Joint], bodies: Sequence[Body], frames: Array) -> dict[BodyId, Joint]:
+        """The joints that have moved with their holders.
+
+        Args:
+            known: joints.
+            bodies: all bodies, at their poses, in the order of `ids`.
+            frames: the frames of each joint in its parent and in its child, 2n x 7.
+        """
         if not known:
-            return tuple(self.joints.values())
-        by_id = {body.id: body for body in bodies}
-        at_ends = pose_array(by_id[id].pose for joint in known for id in (joint.parent, joint.child))
+            return {}
+        rows = self.rows
+        ends = [bodies[rows[id]] for joint in known for id in (joint.parent, joint.child)]
+        at_ends = pose_array(body.pose for body in ends)
         at_ends[:, 3:] = normalize(at_ends[:, 3:])
-        frames = np.array([joint_frames[joint.id] for joint in known]).reshape(-1, 7)
         now = pose_multiply(at_ends, frames).reshape(-1, 2, 7)
         described = pose_array(joint.pose for joint in known)[:, None]
         scale = np.maximum(1.0, np.abs(described[..., :3]).max(axis=2))
@@ -399,12 +446,36 @@ class EntityRegistry:
         is_moved |= quat_angle(np.broadcast_to(described[..., 3:], now[..., 3:].shape), now[..., 3:]) > _FRAME_TOLERANCE
         moved: dict[BodyId, Joint] = {}
         for row in np.flatnonzero(is_moved.any(axis=1)).tolist():
-            joint = known[row]
-            _, holder = moving_body(joint, by_id[joint.parent], by_id[joint.child])
-            end = 0 if holder.id == joint.parent else 1
+            joint, parent, child = known[row], ends[2 * row], ends[2 * row + 1]
+            _, holder = moving_body(joint, parent, child)
+            end = 0 if holder is parent else 1
             if is_moved[row, end]:
                 moved[joint.id] = msgspec.structs.replace(joint, pose=pose_from_array(now[row, end]))
-        return tuple(moved.get(joint.id, joint) for joint in self.joints.values())
+        return moved
+
+
+@dataclass(slots=True)
+class _LastSnapshot:
+    """The last world of a registry: the next one shares what has not changed.
+
+    All is compared with what it was made of, so that nothing needs to be reported here when it changes.
+    """
+
+    described: list[Body] = field(default_factory=list)
+    described_poses: Array = field(default_factory=lambda: np.zeros((0, 7)))
+    poses: Array = field(default_factory=lambda: np.zeros((0, 7)))
+    """Those of `bodies`, n x 7, before the tolerance."""
+    bodies: tuple[Body, ...] = ()
+    described_joints: list[Joint] = field(default_factory=list)
+    frames: list[tuple[Array, Array] | None] = field(default_factory=list)
+    joined_bodies: tuple[Body, ...] | None = None
+    """The bodies that `joints` are at."""
+    joints: tuple[Joint, ...] = ()
+    links: list[tuple[BodyId, BodyId]] = field(default_factory=list)
+    attachments: tuple[Attachment, ...] = ()
+    worlds: list[World] = field(default_factory=list)
+    facts: tuple[PropertyAssertion, ...] = ()
+    resources: tuple[NamedResource, ...] = ()
 
 
 def pose_error(pose: Pose) -> str:

@@ -890,11 +890,9 @@ class PhysicsModelBuilder:
         """The poses for a snapshot: those before a spawn for bodies that still are where it moved them."""
         if not self.settled:
             return poses
-        poses = poses.copy()
-        for row, id in enumerate(self.registry.ids):
-            settled = self.settled.get(id)
-            if settled is None:
-                continue
+        poses, rows = poses.copy(), self.registry.rows
+        for id, settled in self.settled.items():
+            row = rows[id]
             at = np.array(settled.pose)
             is_near = np.abs(poses[row, :3] - at[:3]).max() <= _RESTING_TOLERANCE
             if is_near and float(quat_angle(poses[row, 3:], at[3:])) <= _RESTING_TOLERANCE:

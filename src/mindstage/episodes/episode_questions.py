@@ -280,7 +280,7 @@ def _spatial_facts(state: WorldState, wanted: Sequence[HeldRelation], a: Iri | N
     ids = {body.iri: body.id for body in state.world.bodies}
     if not {a, b} <= {None, *ids}:
         return
-    pairs = SpatialRelations(state.world).related(
+    pairs = state.relations.related(
         subjects=None if a is None else (ids[a],), others=None if b is None else (ids[b],), relations=relations
     )
     for pair in pairs:

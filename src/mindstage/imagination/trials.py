@@ -110,7 +110,7 @@ class ImaginedScene:
 
     def map_of(self, id: BodyId) -> Iri:
         """The map that a body came from."""
-        return self.state.map_of_body().get(id, self.map)
+        return self.state.map_of_body.get(id, self.map)
 
     def joints_of_part(self, iri: Iri | None) -> tuple[Joint, ...]:
         """The joints that move a body or are that joint; those of its doors and drawers if it has none; or all.

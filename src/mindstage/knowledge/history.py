@@ -7,14 +7,21 @@ the last one also at the end of the episode.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from operator import is_
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 
 from mindstage.errors import InvalidArgumentError
 from mindstage.ranges import Time, check_fields, check_number, declared_range
 from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Iri, World
+
+if TYPE_CHECKING:  # many questions use no state
+    from mindstage.scene.bounding_boxes import Indices
+    from mindstage.scene.spatial import SpatialRelations
 
 __all__ = [
     "MAP_SOURCE",
@@ -32,10 +39,13 @@ __all__ = [
 
 MAP_SOURCE = "map"
 """The `WorldState.source` of a map that no engine simulates."""
+T = TypeVar("T")
+_MIN_MOVED, _MOVED_SHARE = 64, 8
+"""What was derived is made anew if more than 64 bodies, and more than one of 8, have moved."""
 _TIME_WORDS = ("at", "during", "since", "until", "episode")
 
 
-class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
+class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """The state of a scene at one point in time."""
 
     world: World
@@ -56,10 +66,119 @@ class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False):
         """Where the state and the shapes of its bodies come from."""
         return self.source if self.geometry else f"{self.source}, bounding boxes"
 
-    def map_of_body(self) -> dict[BodyId, Iri]:
+    @property
+    def map_of_body(self) -> Mapping[BodyId, Iri]:
         """The map that each body came from."""
-        maps = {body.id: world.iri for world in reversed(self.spawned) for body in world.bodies}
-        return {body.id: maps.get(body.id, self.world.iri) for body in self.world.bodies}
+        return self.derived(_map_of_body, _unchanged)
+
+    @property
+    def id_of_iri(self) -> Mapping[Iri, BodyId]:
+        """The body of each individual; the last one of several."""
+        return self.derived(_id_of_iri, _unchanged)
+
+    @property
+    def individuals(self) -> Mapping[str, Iri]:
+        """The individual of each body, by its id and its IRI."""
+        return self.derived(_individuals, _unchanged)
+
+    @property
+    def relations(self) -> SpatialRelations:
+        """The spatial relations of the bodies."""
+        return self.derived(_relations, _moved_relations)
+
+    def derived(self, make: Callable[[WorldState], T], moved: Callable[[T, WorldState, Indices], T]) -> T:
+        """An object that is made of this state, which is kept, and must not be changed.
+
+        Args:
+            make: makes it.
+            moved: makes it of that of an earlier state, this state, and the rows of the bodies that have moved since.
+        """
+        kept: dict[object, T] = self.__dict__.setdefault("_derived", {})
+        if make not in kept:
+            earlier: tuple[T, Indices] | None = self.__dict__.get("_earlier", {}).get(make)
+            kept[make] = make(self) if earlier is None else moved(earlier[0], self, earlier[1])
+        return kept[make]
+
+    def moved_rows(self, earlier: WorldState) -> Indices | None:
+        """The rows of the bodies that are elsewhere than in an earlier state; None if more than poses has changed."""
+        import numpy as np
+
+        now, then = self.world, earlier.world
+        if len(now.bodies) != len(then.bodies) or len(now.joints) != len(then.joints):
+            return None
+        rows = _different_rows(now.bodies, then.bodies)
+        moved = (*((now.bodies[row], then.bodies[row]) for row in rows),)
+        joints = ((now.joints[row], then.joints[row]) for row in _different_rows(now.joints, then.joints))
+        others = [
+            getattr(now, name) == getattr(then, name)
+            for name in now.__struct_fields__
+            if name not in {"bodies", "joints"}
+        ]
+        is_motion = (
+            all(others)
+            and all(replace(body, pose=before.pose) == before for body, before in moved)
+            and all(replace(joint, pose=before.pose) == before for joint, before in joints)
+            and self.spawned == earlier.spawned
+            and (self.source, self.touching) == (earlier.source, earlier.touching)
+            and _has_same_values(self.geometry, earlier.geometry)
+        )
+        return np.array(rows, dtype=np.intp) if is_motion else None
+
+    def following(self, earlier: WorldState) -> WorldState:
+        """This state, which takes over what was derived of an earlier one; the earlier one if nothing has changed."""
+        import numpy as np
+
+        rows = self.moved_rows(earlier)
+        if rows is None:
+            return self
+        same_joints = (self.world.joints, self.joint_positions) == (earlier.world.joints, earlier.joint_positions)
+        if not len(rows) and same_joints:
+            return earlier
+        older: Mapping[object, tuple[object, Indices]] = earlier.__dict__.get("_earlier", {})
+        known = {make: (value, np.union1d(before, rows)) for make, (value, before) in older.items()}
+        known |= {make: (value, rows) for make, value in list(earlier.__dict__.get("_derived", {}).items())}
+        most = max(_MIN_MOVED, len(self.world.bodies) // _MOVED_SHARE)
+        self.__dict__["_earlier"] = {make: each for make, each in known.items() if len(each[1]) <= most}
+        return self
+
+
+def _has_same_values(now: GeometryMap, then: GeometryMap) -> bool:
+    return now is then or (now.keys() == then.keys() and all(value is then[id] for id, value in now.items()))
+
+
+def _different_rows(now: Sequence[object], then: Sequence[object]) -> list[int]:
+    if now is then:
+        return []
+    return [row for row, is_same in enumerate(map(is_, now, then)) if not is_same]
+
+
+def _map_of_body(state: WorldState) -> Mapping[BodyId, Iri]:
+    maps = {body.id: world.iri for world in reversed(state.spawned) for body in world.bodies}
+    return MappingProxyType({body.id: maps.get(body.id, state.world.iri) for body in state.world.bodies})
+
+
+def _id_of_iri(state: WorldState) -> Mapping[Iri, BodyId]:
+    return MappingProxyType({body.iri: body.id for body in state.world.bodies})
+
+
+def _individuals(state: WorldState) -> Mapping[str, Iri]:
+    bodies = state.world.bodies
+    by_id: dict[str, Iri] = {body.id: body.iri for body in reversed(bodies)}
+    return MappingProxyType(by_id | {body.iri: body.iri for body in bodies})
+
+
+def _unchanged(value: T, state: WorldState, rows: Indices) -> T:
+    return value
+
+
+def _relations(state: WorldState) -> SpatialRelations:
+    from mindstage.scene.spatial import SpatialRelations
+
+    return SpatialRelations(state.world)
+
+
+def _moved_relations(before: SpatialRelations, state: WorldState, rows: Indices) -> SpatialRelations:
+    return before.moved(state.world, rows)
 
 
 class PastEvent(msgspec.Struct, frozen=True, kw_only=True):

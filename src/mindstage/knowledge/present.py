@@ -27,7 +27,7 @@ from mindstage.maps.io.write import write_map
 from mindstage.rdf.graphs import PRESENT_GRAPH
 from mindstage.rdf.vocabulary import HAS_LOCALIZATION, TYPE, knowrob, ms, soma
 from mindstage.scene import AxisMotion, Body, BodyId, Iri, Joint, World
-from mindstage.scene.spatial import SpatialRelation, SpatialRelations
+from mindstage.scene.spatial import SpatialRelation
 
 __all__ = ["present_statements"]
 
@@ -73,7 +73,7 @@ def _state_triples(kb: MapContext, state: WorldState) -> Iterator[ox.Triple]:
         if any(triple.predicate.value == HAS_LOCALIZATION for triple in triples):
             terms = _SOMA_RELATIONS
         yield from triples
-    for pair in SpatialRelations(state.world).related(relations=(_ON, _INSIDE)):
+    for pair in state.relations.related(relations=(_ON, _INSIDE)):
         predicate = ox.NamedNode(terms[pair.relation])
         yield ox.Triple(ox.NamedNode(pair.body.iri), predicate, ox.NamedNode(pair.other.iri))
     for joint in state.world.joints if state.joint_positions else ():
@@ -85,7 +85,7 @@ def _worlds_by_map(state: WorldState, maps: set[Iri]) -> list[World]:
     worlds = {world.iri: world for world in reversed(state.spawned) if world.iri in maps}
     home = next((world.iri for world in state.spawned if world.iri in maps), state.world.iri)
     worlds.setdefault(home, World(iri=home))
-    map_of_body = {id: map if map in worlds else home for id, map in state.map_of_body().items()}
+    map_of_body = {id: map if map in worlds else home for id, map in state.map_of_body.items()}
     map_of_light = {light.iri: world.iri for world in worlds.values() for light in world.lights}
     now = state.world
     parts: dict[Iri, dict[BodyId, Body]] = {iri: {} for iri in worlds}

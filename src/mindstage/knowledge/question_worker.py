@@ -38,6 +38,7 @@ from mindstage.knowledge.questions import StateAccess, answers_to_builtins
 from mindstage.knowledge.sentences import resolve_question
 from mindstage.sandbox import deny_network, end_with_parent
 from mindstage.scene import BodyId, Pose
+from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.transforms import Array, pose_array
 
 if sys.platform != "win32":
@@ -101,9 +102,13 @@ class StateArrays:
     @classmethod
     def of(cls, number: int, state: WorldState) -> StateArrays:
         """The arrays of a state."""
-        positions = list((state.joint_positions or {}).values()) if movable_joints(state) else []
-        joints = np.array(positions, dtype=np.float64).reshape(-1, 6)
-        return cls(number, pose_array(body.pose for body in state.world.bodies), joints)
+        return cls(number, pose_array(body.pose for body in state.world.bodies), _joint_array(state))
+
+    def moved(self, number: int, state: WorldState, rows: Indices) -> StateArrays:
+        """The arrays of a state in which only some bodies, and joints, have moved."""
+        poses = self.poses.copy()
+        poses[rows] = pose_array(state.world.bodies[row].pose for row in rows.tolist())
+        return StateArrays(number, poses, _joint_array(state))
 
     @property
     def size(self) -> int:
@@ -121,6 +126,11 @@ class StateArrays:
         numbers = np.frombuffer(memory[_HEADER : _HEADER + 8 * (7 * count + 6 * len(template.joint_ids))])
         poses, joints = numbers[: 7 * count].reshape(-1, 7), numbers[7 * count :].reshape(-1, 6)
         return cls(int.from_bytes(memory[:_HEADER], "little"), poses, joints)
+
+
+def _joint_array(state: WorldState) -> Array:
+    positions = list((state.joint_positions or {}).values()) if movable_joints(state) else []
+    return np.array(positions, dtype=np.float64).reshape(-1, 6)
 
 
 def movable_joints(state: WorldState) -> tuple[BodyId, ...]:
@@ -193,6 +203,7 @@ class _QuestionProcess:
         self._memory: mmap.mmap | None = None
         self._template: StateTemplate | None = None
         self._state: WorldState | None = None
+        self._poses: Array | None = None
         self._arrays = -1
 
     def answer(self, request: QuestionRequest) -> QuestionReply:
@@ -212,12 +223,15 @@ class _QuestionProcess:
             self._knowledge.repeat_changes(request.changes)
         if request.template_size:
             self._memory = mmap.mmap(self._memory_fd, request.memory_size)
-            self._template, self._state = pickle.loads(self._memory[-request.template_size :]), None
+            self._template, self._poses = pickle.loads(self._memory[-request.template_size :]), None
+            self._state = self._template.state
         if request.arrays is None or self._memory is None or self._template is None:
             return
-        if self._state is None or request.arrays != self._arrays:
-            self._state = _moved(self._template, StateArrays.read(self._memory, self._template))
-            self._arrays = request.arrays
+        if self._poses is None or request.arrays != self._arrays:
+            assert self._state is not None
+            arrays = StateArrays.read(self._memory, self._template)
+            self._state = _moved(self._state, self._poses, self._template.joint_ids, arrays)
+            self._poses, self._arrays = arrays.poses, request.arrays
 
     def _ask(self, request: QuestionRequest) -> QuestionReply:
         kb, state = self._knowledge, self._state
@@ -237,17 +251,19 @@ class _QuestionProcess:
         return QuestionReply(json=json, rows=rows)
 
 
-def _moved(template: StateTemplate, arrays: StateArrays) -> WorldState:
-    """The state of a template with other poses; a body that has not moved is that of the template."""
-    state, bodies = template.state, list(template.state.world.bodies)
-    has_moved = (pose_array(body.pose for body in bodies) != arrays.poses).any(axis=1)
+def _moved(state: WorldState, poses: Array | None, joint_ids: Sequence[BodyId], arrays: StateArrays) -> WorldState:
+    """A state with other poses, of which it had these; a body that has not moved is the same object."""
+    bodies = list(state.world.bodies)
+    before = pose_array(body.pose for body in bodies) if poses is None else poses
+    has_moved = (before != arrays.poses).any(axis=1)
     for row in np.flatnonzero(has_moved).tolist():
         x, y, z, *quaternion = arrays.poses[row].tolist()
         bodies[row] = replace(bodies[row], pose=Pose((x, y, z), tuple(quaternion)))
     positions: Mapping[BodyId, Any] | None = state.joint_positions
-    if template.joint_ids:
-        positions = dict(zip(template.joint_ids, map(tuple, arrays.joints.tolist()), strict=True))
-    return replace(state, world=replace(state.world, bodies=tuple(bodies)), joint_positions=positions)
+    if joint_ids:
+        positions = dict(zip(joint_ids, map(tuple, arrays.joints.tolist()), strict=True))
+    moved = replace(state, world=replace(state.world, bodies=tuple(bodies)), joint_positions=positions)
+    return moved.following(state)
 
 
 def _serve(knowledge: KnowledgeBase, connection: Connection, memory_fd: int) -> None:

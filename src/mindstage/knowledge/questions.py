@@ -258,10 +258,10 @@ class StateAccess:
 
     def find_individual(self, name: str) -> Iri | None:
         """The IRI of a simulated body, by IRI or body id: it may have been spawned without any map."""
-        bodies = self._engine_state.world.bodies if self._engine_state else ()
-        now = (body.iri for body in bodies if name in (body.iri, body.id))
-        past = (each for source in self.episodes if (each := source.find_individual(name)) is not None)
-        return next(now, None) or next(past, None)
+        state = self._engine_state
+        if state is not None and name in state.individuals:
+            return state.individuals[name]
+        return next((each for source in self.episodes if (each := source.find_individual(name)) is not None), None)
 
     @cached_property
     def _engine_state(self) -> WorldState | None:
@@ -270,7 +270,8 @@ class StateAccess:
     def _map_state(self, map: Iri) -> WorldState:
         if map not in self._map_states:
             world = self._kb.world(map)
-            self._map_states[map] = WorldState(world=world, spawned=(world,))
+            state = self._kb.cached(("state", map), lambda: WorldState(world=world, spawned=(world,)))
+            self._map_states[map] = state if state.world is world else WorldState(world=world, spawned=(world,))
         return self._map_states[map]
 
 

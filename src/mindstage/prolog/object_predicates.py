@@ -607,7 +607,7 @@ _Located = tuple[Iri, Iri, str, tuple[float, ...], Value]
 
 def _located(scenes: Sequence[_Scene], one: Iri | None) -> Iterator[_Located]:
     for scene in scenes:
-        homes = scene.state.map_of_body()
+        homes = scene.state.map_of_body
         bodies = scene.bodies if one is None else [scene.bodies[scene.rows[one]]] if one in scene.rows else ()
         for body in bodies:
             pose = tuple(scene.poses[scene.rows[body.iri]].tolist())

@@ -59,6 +59,16 @@ class OrientedBoxes:
         """Returns boxes with n x 7 poses (unit quaternions) and n x 3 sizes."""
         return cls(poses[:, :3], rotation_matrix(poses[:, 3:]), sizes / 2)
 
+    def with_poses(self, rows: Indices, poses: Array) -> OrientedBoxes:
+        """Returns the same boxes, some of which have other poses, len(rows) x 7 (unit quaternions)."""
+        center, rotation = self.center.copy(), self.rotation.copy()
+        center[rows], rotation[rows] = poses[:, :3], rotation_matrix(poses[:, 3:])
+        return OrientedBoxes(center, rotation, self.half_extents)
+
+    def rows(self, rows: Indices) -> OrientedBoxes:
+        """Returns some of the boxes."""
+        return OrientedBoxes(self.center[rows], self.rotation[rows], self.half_extents[rows])
+
     def bounds(self) -> tuple[Array, Array]:
         """Returns the lower and upper corners of the axis-aligned bounding boxes, each n x 3."""
         reach = np.einsum("nij,nj->ni", np.abs(self.rotation), self.half_extents)

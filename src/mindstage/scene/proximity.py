@@ -75,6 +75,25 @@ class BodyBoxes:
         low, high = boxes.bounds()
         return cls(kept, boxes, low, high, {body.id: row for row, body in enumerate(kept)})
 
+    def moved(self, bodies: Sequence[Body], rows: Indices) -> BodyBoxes | None:
+        """The boxes of the same bodies, of which some are elsewhere; None if a pose is not finite.
+
+        Args:
+            bodies: the bodies, in the same order.
+            rows: those that have moved.
+        """
+        changed, kept = [bodies[row] for row in rows.tolist()], list(self.bodies)
+        if not all(map(_is_finite, changed)):
+            return None
+        for row, body in zip(rows.tolist(), changed, strict=True):
+            kept[row] = body
+        poses = pose_array(body.pose for body in changed)
+        poses[:, 3:] = normalize(poses[:, 3:])
+        boxes = self.boxes.with_poses(rows, poses)
+        low, high = self.low.copy(), self.high.copy()
+        low[rows], high[rows] = boxes.rows(rows).bounds()
+        return BodyBoxes(tuple(kept), boxes, low, high, self.row_by_id)
+
 
 def _is_finite(body: Body) -> bool:
     numbers = (*(body.size or ()), *body.pose.position, *body.pose.quaternion)

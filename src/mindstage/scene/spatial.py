@@ -26,8 +26,10 @@ contains the whole kitchen. They take part in no relation, and neither do bodies
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Container, Iterator
+from collections.abc import Collection, Container, Iterable, Iterator
+from copy import copy
 from enum import StrEnum
+from functools import cached_property
 from math import isfinite
 from typing import NamedTuple
 
@@ -46,7 +48,7 @@ from mindstage.scene.bounding_boxes import (
 )
 from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.transforms import Array, normalize, pose_array
-from mindstage.scene.world_model import Body, BodyId, World
+from mindstage.scene.world_model import Body, BodyId, Vector, World
 
 __all__ = [
     "ENCLOSURE_MIN_CONTENTS",
@@ -112,6 +114,8 @@ _ON_MAX_GAP_M, _ON_MAX_DEPTH_M = 0.005, 0.02
 _ABOVE_MAX_GAP_M = 3.0
 _MIN_FOOTPRINT_FRACTION = 0.1
 _NEXT_TO_MAX_GAP_M, _MIN_HEIGHT_FRACTION = 0.25, 0.5
+_MAX_COMPARED = 16
+"""Number of bodies that are compared with all others instead of sorting all."""
 _ROUNDING_TOLERANCE = 1e-9
 """Tolerance of all thresholds, so that the result does not depend on the pose of the scene as a whole."""
 
@@ -148,41 +152,99 @@ class _RelationRows(NamedTuple):
     overlap: Array
 
 
+class _ContainingPairs(NamedTuple):
+    """Pairs of bodies of which one contains at least most of the other, as rows."""
+
+    outer: Indices
+    inner: Indices
+    is_whole: NDArray[np.bool_]
+    """Whether all of the inner body is inside, and it is in another rigid group."""
+
+
 class SpatialRelations:
     """The spatial relations between the bodies of a world."""
 
     def __init__(self, world: World) -> None:
         rows = [row for row, body in enumerate(world.bodies) if _has_extent(body)]
+        self._rows = np.full(len(world.bodies), -1)
+        self._rows[rows] = np.arange(len(rows))
         self.bodies = tuple(world.bodies[row] for row in rows)
         self._row_by_id = {body.id: row for row, body in enumerate(self.bodies)}
-        poses = pose_array(body.pose for body in self.bodies)
-        poses[:, 3:] = normalize(poses[:, 3:])
         sizes = np.array([body.size for body in self.bodies], dtype=np.float64).reshape(-1, 3)
-        self._boxes = OrientedBoxes.from_poses(poses, sizes)
-        low, high = self._boxes.bounds()
-        self._low, self._high = low[:, 2], high[:, 2]
-        self._footprints = footprints(self._boxes)
-        self._areas = polygon_areas(self._footprints)
         self._volume = np.prod(sizes, axis=1)
         groups = RigidGroups.from_world(world)
         self._group, self._is_jointed = groups.root_row[rows], groups.is_jointed[rows]
         self._is_dynamic, self._jointed_pairs = groups.is_dynamic[rows], groups.jointed_pairs
-        outer, inner = self._containing_pairs()
-        apart = self._group[outer] != self._group[inner]
-        apart &= contains(self._boxes, outer, inner)
+        self._boxes = OrientedBoxes.from_poses(_unit_poses(self.bodies), sizes)
+        self._bounds = self._boxes.bounds()
+        self._footprints = footprints(self._boxes)
+        self._areas = polygon_areas(self._footprints)
+        everything = np.ones(len(rows), dtype=bool)
+        self._containing = self._containing_pairs(overlapping_pairs(self._boxes, everything, everything))
+        self._find_enclosing()
+        self._container = self._smallest_container(self._outer, self._inner)
+
+    def moved(self, world: World, rows: Indices) -> SpatialRelations:
+        """The relations of a world in which only the poses of some bodies, and of joints, are others.
+
+        The time is that of the moved bodies, and of copies of arrays.
+
+        Args:
+            world: the world, with the same bodies, joints and attachments in the same order.
+            rows: the bodies that have moved, as indices into its bodies.
+        """
+        changed = [world.bodies[row] for row in rows.tolist()]
+        own = self._rows[rows]
+        if [_has_extent(body) for body in changed] != (own >= 0).tolist():
+            return SpatialRelations(world)
+        changed, own = [body for body, row in zip(changed, own.tolist(), strict=True) if row >= 0], own[own >= 0]
+        new = copy(self)
+        bodies = list(self.bodies)
+        for row, body in zip(own.tolist(), changed, strict=True):
+            bodies[row] = body
+        new.bodies = tuple(bodies)
+        new._boxes = self._boxes.with_poses(own, _unit_poses(changed))
+        part = new._boxes.rows(own)
+        low, high = part.bounds()
+        new._bounds = _with_rows(self._bounds[0], own, low), _with_rows(self._bounds[1], own, high)
+        outlines = footprints(part)
+        new._footprints = _with_rows(self._footprints, own, outlines)
+        new._areas = _with_rows(self._areas, own, polygon_areas(outlines))
+        is_moved = np.zeros(len(bodies), dtype=bool)
+        is_moved[own] = True
+        before = self._containing
+        stays = ~(is_moved[before.outer] | is_moved[before.inner])
+        found = new._containing_pairs(new._pairs_of(own, np.ones(len(bodies), dtype=bool)))
+        new._containing = _ContainingPairs(
+            *(np.concatenate([old[stays], added]) for old, added in zip(before, found, strict=True))
+        )
+        new._find_enclosing()
+        if new._enclosing.keys() == self._enclosing.keys():
+            is_moved[before.inner[~stays]] = True
+            is_moved[found.inner] = True
+            concerned = is_moved[new._inner]
+            new._container = np.where(
+                is_moved, new._smallest_container(new._outer[concerned], new._inner[concerned]), self._container
+            )
+        else:
+            new._container = new._smallest_container(new._outer, new._inner)
+        return new
+
+    def _find_enclosing(self) -> None:
+        """Finds the enclosing bodies, and the pairs without them."""
+        outer, inner, is_whole = self._containing
         self._enclosing = find_enclosing_bodies(
             self._boxes,
-            (outer[apart], inner[apart]),
+            (outer[is_whole], inner[is_whole]),
             is_dynamic=self._is_dynamic,
             is_free=self._is_dynamic & ~self._is_jointed,
             group=self._group,
             jointed_pairs=self._jointed_pairs,
         )
-        self._is_related = np.ones(len(rows), dtype=bool)
+        self._is_related = np.ones(len(self.bodies), dtype=bool)
         self._is_related[list(self._enclosing)] = False
         related = self._is_related[outer] & self._is_related[inner]
         self._outer, self._inner = outer[related], inner[related]
-        self._container = self._smallest_container(self._outer, self._inner)
 
     @property
     def enclosing_bodies(self) -> tuple[BodyId, ...]:
@@ -221,31 +283,54 @@ class SpatialRelations:
         self, subjects: NDArray[np.bool_], others: NDArray[np.bool_], relations: frozenset[SpatialRelation]
     ) -> Iterator[_RelationRows]:
         if SpatialRelation.INSIDE in relations:
-            yield self._inside_rows()
+            concerned = subjects[self._inner] & others[self._outer]
+            yield self._inside_rows(self._outer[concerned], self._inner[concerned])
         if relations & {SpatialRelation.ON, SpatialRelation.ABOVE, SpatialRelation.BELOW}:
-            for a, b in overlapping_pairs(self._boxes, subjects, others, margin=(0.0, 0.0, _ABOVE_MAX_GAP_M)):
+            for a, b in self._close_pairs(subjects, others, (0.0, 0.0, _ABOVE_MAX_GAP_M)):
                 yield from (each for each in self._vertical_rows(a, b) if each.relation in relations)
         if SpatialRelation.NEXT_TO in relations:
-            for a, b in overlapping_pairs(
-                self._boxes, subjects, others, margin=(_NEXT_TO_MAX_GAP_M, _NEXT_TO_MAX_GAP_M, 0.0)
-            ):
+            for a, b in self._close_pairs(subjects, others, (_NEXT_TO_MAX_GAP_M, _NEXT_TO_MAX_GAP_M, 0.0)):
                 yield self._next_to_rows(a, b)
+
+    def _close_pairs(
+        self, first: NDArray[np.bool_], second: NDArray[np.bool_], margin: Vector
+    ) -> Iterator[tuple[Indices, Indices]]:
+        """As `overlapping_pairs`, which sorts all bodies; a few are compared with all instead."""
+        few, many = sorted((first, second), key=np.count_nonzero)
+        rows = np.flatnonzero(few)
+        if len(rows) <= _MAX_COMPARED:
+            return self._pairs_of(rows, many, margin=margin)
+        return overlapping_pairs(self._boxes, first, second, margin=margin)
+
+    def _pairs_of(
+        self, rows: Indices, others: NDArray[np.bool_], *, margin: Vector = (0.0, 0.0, 0.0)
+    ) -> Iterator[tuple[Indices, Indices]]:
+        """Yields pairs of some bodies with others whose bounds overlap, each once, for one body at a time."""
+        low, high = self._bounds
+        reach = np.asarray(margin) + _ROUNDING_TOLERANCE
+        left = others.copy()
+        for row in rows.tolist():
+            left[row] = False  # its pairs with later ones are found now
+            least, most = low[row] - reach, high[row] + reach
+            near = np.flatnonzero((low[:, 0] <= most[0]) & (high[:, 0] >= least[0]) & left)
+            near = near[np.all((low[near] <= most) & (high[near] >= least), axis=1)]
+            yield np.full(len(near), row), near
 
     # -- inside --------------------------------------------------------------------------------------------------------
 
-    def _containing_pairs(self) -> tuple[Indices, Indices]:
-        """Returns pairs (outer, inner), including enclosing bodies."""
-        everything = np.ones(len(self.bodies), dtype=bool)
-        found = [np.zeros((2, 0), dtype=np.intp)]
-        for a, b in overlapping_pairs(self._boxes, everything, everything):
+    def _containing_pairs(self, overlapping: Iterable[tuple[Indices, Indices]]) -> _ContainingPairs:
+        """Those of the overlapping pairs of which one body contains the other."""
+        found = []
+        for a, b in overlapping:
             larger = self._volume[a] > self._volume[b]
             outer, inner = np.where(larger, a, b), np.where(larger, b, a)
             holds = contains(self._boxes, outer, inner, min_fraction=_MIN_INSIDE_FRACTION) & (
                 self._volume[a] != self._volume[b]
             )
             found.append(np.stack([outer[holds], inner[holds]]))
-        outer, inner = np.concatenate(found, axis=1)
-        return outer, inner
+        outer, inner = np.concatenate([np.zeros((2, 0), dtype=np.intp), *found], axis=1)
+        is_whole = (self._group[outer] != self._group[inner]) & contains(self._boxes, outer, inner)
+        return _ContainingPairs(outer, inner, is_whole)
 
     def _smallest_container(self, outer: Indices, inner: Indices) -> Indices:
         """Returns, for each body, the row of the smallest body that it is inside of; -1 for none."""
@@ -254,8 +339,8 @@ class SpatialRelations:
         container[inner[order]] = outer[order]  # the last assignment wins
         return container
 
-    def _inside_rows(self) -> _RelationRows:
-        boxes, outer, inner = self._boxes, self._outer, self._inner
+    def _inside_rows(self, outer: Indices, inner: Indices) -> _RelationRows:
+        boxes = self._boxes
         turn = np.swapaxes(boxes.rotation[outer], 1, 2)
         offset = np.abs(np.einsum("pij,pj->pi", turn, boxes.center[inner] - boxes.center[outer]))
         reach = np.einsum("pij,pj->pi", np.abs(turn @ boxes.rotation[inner]), boxes.half_extents[inner])
@@ -267,14 +352,15 @@ class SpatialRelations:
 
     def _vertical_rows(self, a: Indices, b: Indices) -> Iterator[_RelationRows]:
         a, b = self._in_same_container(a, b)
-        middle = self._low + self._high
-        over = middle[a] > middle[b]
+        low, high = (side[:, 2] for side in self._bounds)
+        middle_a, middle_b = low[a] + high[a], low[b] + high[b]
+        over = middle_a > middle_b
         upper, lower = np.where(over, a, b), np.where(over, b, a)
-        gap = self._low[upper] - self._high[lower]
-        height = (self._high - self._low) / 2
-        sinks = np.minimum(_ON_MAX_DEPTH_M, np.minimum(height[upper], height[lower]))
+        gap = low[upper] - high[lower]
+        half_heights = (high[upper] - low[upper]) / 2, (high[lower] - low[lower]) / 2
+        sinks = np.minimum(_ON_MAX_DEPTH_M, np.minimum(*half_heights))
         clear = (
-            (middle[a] != middle[b])
+            (middle_a != middle_b)
             & (gap >= -sinks - _ROUNDING_TOLERANCE)
             & (gap <= _ABOVE_MAX_GAP_M + _ROUNDING_TOLERANCE)
         )
@@ -301,8 +387,9 @@ class SpatialRelations:
 
     def _next_to_rows(self, a: Indices, b: Indices) -> _RelationRows:
         a, b = self._in_same_container(a, b)
-        shared = np.minimum(self._high[a], self._high[b]) - np.maximum(self._low[a], self._low[b])
-        lower = np.minimum(self._high[a] - self._low[a], self._high[b] - self._low[b])
+        low, high = (side[:, 2] for side in self._bounds)
+        shared = np.minimum(high[a], high[b]) - np.maximum(low[a], low[b])
+        lower = np.minimum(high[a] - low[a], high[b] - low[b])
         overlap = np.divide(shared, lower, out=np.zeros(len(a)), where=lower > 0.0)
         level = (overlap >= _MIN_HEIGHT_FRACTION - _ROUNDING_TOLERANCE) & self._unconnected(a, b)
         a, b, overlap = a[level], b[level], overlap[level]
@@ -317,17 +404,39 @@ class SpatialRelations:
 
     def _unconnected(self, a: Indices, b: Indices) -> NDArray[np.bool_]:
         """Returns whether two bodies are in different rigid groups that no joint connects."""
-        one, other, count = self._group[a], self._group[b], int(self._group.max(initial=0)) + 1
-        joined = [first * count + second for pair in self._jointed_pairs for first, second in (pair, pair[::-1])]
-        pairs = one * count + other
+        one, other = self._group[a], self._group[b]
+        pairs = one * self._group_count + other
+        joined = self._joined_groups
         # np.isin would load numpy.ma, which is slow.
-        nearest = np.array([*sorted(joined), -1], dtype=np.intp)[np.searchsorted(sorted(joined), pairs)]
-        return np.asarray((one != other) & (nearest != pairs))
+        return np.asarray((one != other) & (joined[np.searchsorted(joined[:-1], pairs)] != pairs))
+
+    @cached_property
+    def _group_count(self) -> int:
+        return int(self._group.max(initial=0)) + 1
+
+    @cached_property
+    def _joined_groups(self) -> Indices:
+        """The pairs of groups that a joint connects, as sorted numbers, and -1."""
+        pairs = (each for pair in self._jointed_pairs for each in (pair, pair[::-1]))
+        return np.array([*sorted(first * self._group_count + second for first, second in pairs), -1], dtype=np.intp)
 
     def _in_same_container(self, a: Indices, b: Indices) -> tuple[Indices, Indices]:
         """Returns the pairs of related bodies with the same container, or both without one."""
         same = (self._container[a] == self._container[b]) & self._is_related[a] & self._is_related[b]
         return a[same], b[same]
+
+
+def _unit_poses(bodies: Iterable[Body]) -> Array:
+    poses = pose_array(body.pose for body in bodies)
+    poses[:, 3:] = normalize(poses[:, 3:])
+    return poses
+
+
+def _with_rows(array: Array, rows: Indices, values: Array) -> Array:
+    """A copy in which some rows have other values."""
+    changed = array.copy()
+    changed[rows] = values
+    return changed
 
 
 def _has_extent(body: Body) -> bool:

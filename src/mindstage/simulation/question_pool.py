@@ -72,6 +72,7 @@ from mindstage.knowledge.question_worker import (
     movable_joints,
 )
 from mindstage.knowledge.sentences import is_sentence
+from mindstage.scene.bounding_boxes import Indices
 from mindstage.simulation.simulation import Simulation
 from mindstage.simulation.state import StateSnapshot
 
@@ -186,33 +187,26 @@ class _StateSource:
             return state
 
     def _encoded(self, now: WorldState, label: StateLabel) -> _State:
-        arrays = StateArrays.of(next(self._numbers), now)
-        if self._last is not None and _differs_by_motion_only(now, self._last[1]):
+        moved = None if self._last is None else _moved_rows(now, self._last[1])
+        if moved is not None and self._last is not None:
             last = self._last[2]
             before = last.arrays
+            arrays = before.moved(next(self._numbers), now, moved)
             if np.array_equal(arrays.poses, before.poses) and np.array_equal(arrays.joints, before.joints):
                 arrays = before
             return _State(last.template_number, last.template, arrays, label)
-        number = next(self._numbers)
+        arrays, number = StateArrays.of(next(self._numbers), now), next(self._numbers)
         template = pickle.dumps(StateTemplate.of(number, now), protocol=pickle.HIGHEST_PROTOCOL)
         return _State(number, template, arrays, label)
 
 
-def _differs_by_motion_only(now: WorldState, then: WorldState) -> bool:
-    """Whether two states have the same entities, of which only poses and joint positions may differ."""
-    replace = msgspec.structs.replace
-    if len(now.world.bodies) != len(then.world.bodies) or len(now.spawned) != len(then.spawned):
-        return False
-    return (
-        all(a is b or a == replace(b, pose=a.pose) for a, b in zip(now.world.bodies, then.world.bodies, strict=True))
-        and replace(now.world, bodies=()) == replace(then.world, bodies=())
-        and all(a is b or a == b for a, b in zip(now.spawned, then.spawned, strict=True))
-        and movable_joints(now) == movable_joints(then)
-        and (bool(movable_joints(now)) or now.joint_positions == then.joint_positions)
-        and now.source == then.source
-        and now.geometry.keys() == then.geometry.keys()
-        and all(each is then.geometry[id] for id, each in now.geometry.items())
-    )
+def _moved_rows(now: WorldState, then: WorldState) -> Indices | None:
+    """The rows of the bodies that have moved; None if more than what is in the arrays has changed."""
+    rows = now.moved_rows(then)
+    if rows is None or now.world.joints != then.world.joints:
+        return None
+    same_joints = movable_joints(now) == movable_joints(then)
+    return rows if same_joints and (movable_joints(now) or now.joint_positions == then.joint_positions) else None
 
 
 # -- processes ---------------------------------------------------------------------------------------------------------

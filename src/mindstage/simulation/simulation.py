@@ -51,7 +51,7 @@ from mindstage.knowledge.questions import StateAccess
 from mindstage.knowledge.sentences import resolve_question
 from mindstage.ranges import Coordinate, Point, Size, Time, checked
 from mindstage.rdf import SparqlResult
-from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, World
+from mindstage.scene import Body, BodyGeometry, BodyId, Color, GeometryMap, Iri, World
 from mindstage.scene.colors import color_from
 from mindstage.scene.display import counted, short_name
 from mindstage.scene.edits import Edit, SetPoses, Spawn
@@ -160,6 +160,7 @@ class Simulation:
         self.engine = EngineAccess(lambda: self._engine, self._run, self._late_ends)
         self._geometry_provider = GeometryProvider(knowledge, primitive_shapes=primitive_shapes, meshes=meshes)
         self._revision = 0
+        self._asked_state = WorldState(world=World(iri=Iri("")), spawned=())
         self._worlds: tuple[World, ...] = ()
         self._temporary_worlds: tuple[World, ...] = ()
         self._reports: tuple[SpawnReport, ...] = ()
@@ -482,9 +483,11 @@ class Simulation:
         def take(engine: Engine) -> WorldState:
             world, spawned, geometry = engine.snapshot(), self.worlds, self.geometry
             joints = engine.joint_positions() if Capability.JOINTS in engine.capabilities else None
-            return WorldState(
+            state = WorldState(
                 world=world, spawned=spawned, joint_positions=joints, source=engine.name, geometry=geometry
             )
+            self._asked_state = state.following(self._asked_state)
+            return self._asked_state
 
         return self.engine.run(take, label="current state")
 

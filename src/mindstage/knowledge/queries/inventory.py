@@ -37,7 +37,7 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import HAS_POSE, THING, TYPE, knowrob, ms
 from mindstage.scene import Body, Iri, IriRef, Literal, PropertyAssertion
 from mindstage.scene.bounding_boxes import footprints, polygon_areas
-from mindstage.scene.spatial import SpatialRelation, SpatialRelations
+from mindstage.scene.spatial import SpatialRelation
 from mindstage.scene.transforms import Array
 
 __all__ = [
@@ -274,11 +274,11 @@ def _contents(present: StateAccess, place: Iri, map: Iri | None) -> tuple[list[t
     source, found = MAP_SOURCE, dict[tuple[Iri, Iri], None]()
     for state in present.states(map):
         ids = [body.id for body in state.world.bodies if body.iri == place]
-        homes = state.map_of_body()
+        homes = state.map_of_body
         relations = (SpatialRelation.ON, SpatialRelation.INSIDE)
         if ids:
             source = state.source
-            for pair in SpatialRelations(state.world).related(others=ids, relations=relations):
+            for pair in state.relations.related(others=ids, relations=relations):
                 found[pair.body.iri, homes[pair.body.id]] = None
     return list(found), source
 
@@ -361,7 +361,7 @@ def similar_to(
     if thing is None:
         return
     limit = _SIMILAR_COUNT if count is None else count
-    states_now = [(state, state.map_of_body()) for state in present.states()]
+    states_now = [(state, state.map_of_body) for state in present.states()]
     all_bodies = [(body, homes[body.id]) for state, homes in states_now for body in state.world.bodies]
     own = next((body for body, _ in all_bodies if body.iri == thing), None)
     if own is None:
@@ -522,7 +522,7 @@ def _storage(
 def _hosts(bodies: PlacedBodies) -> dict[Iri, list[Iri]]:
     """What each body is directly on or in, the bodies that it is in first, smaller gaps before larger ones."""
     relations = (SpatialRelation.INSIDE, SpatialRelation.ON)
-    pairs = list(SpatialRelations(bodies.state.world).related(relations=relations))
+    pairs = list(bodies.state.relations.related(relations=relations))
     pairs.sort(key=lambda pair: (pair.relation is SpatialRelation.ON, abs(pair.gap), pair.other.id))
     found: dict[Iri, list[Iri]] = {}
     for pair in pairs:

@@ -37,7 +37,6 @@ from mindstage.scene.bounding_boxes import Indices, footprints
 from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, wall_rooms
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import ShapeScene
-from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array
 
 __all__ = ["FloorPathRow", "ReachabilityRow", "RoomBasis", "RoomRow", "in_room", "path", "reachable"]
@@ -72,7 +71,7 @@ class _Floor:
 
     def __init__(self, state: WorldState, robot: _Robot, start: Iri | None, position: Array | None) -> None:
         self.state, self.robot = state, robot
-        self.bodies = PlacedBodies(state)
+        self.bodies = PlacedBodies.of(state)
         world = state.world
         self.scene = ShapeScene(world.bodies, state.geometry)
         self._row_by_iri = {body.iri: row for row, body in reversed(list(enumerate(world.bodies)))}
@@ -86,7 +85,7 @@ class _Floor:
         level, floor_rows = find_floor(placed, below=below)
         floor = [self._row_by_iri[placed.bodies[row].iri] for row in floor_rows]
         self.ground = frozenset(floor)
-        enclosing = set(SpatialRelations(world).enclosing_bodies)
+        enclosing = set(state.relations.enclosing_bodies)
         ignored = [row for row, body in enumerate(world.bodies) if body.id in enclosing]
         if self.start is not None and world.bodies[self.start].physics.is_dynamic and below is not None:
             own = self.bodies.group_of(self.bodies.row_of(world.bodies[self.start].iri) or 0)
@@ -361,7 +360,7 @@ def reachable(
                 reachable=is_open,
                 length=round(way, 6) if is_open else None,
                 blocked_by=() if is_open or goal is None else floor.blockers(body.iri, None),
-                map=floor.bodies.maps[body.id],
+                map=floor.state.map_of_body[body.id],
                 source=floor.state.shape_source,
             )
 
@@ -529,7 +528,7 @@ def _contains_points(placed: BodyBoxes, row: int, points: Array) -> Array:
 
 def _enclosing_rooms(bodies: PlacedBodies) -> Iterator[RoomRow]:
     placed = bodies.placed
-    ids = set(SpatialRelations(bodies.state.world).enclosing_bodies)
+    ids = set(bodies.state.relations.enclosing_bodies)
     rows = [row for row, body in enumerate(placed.bodies) if body.id in ids]
     rows.sort(key=lambda row: (float(np.prod(placed.boxes.half_extents[row])), row))
     inside = {row: _contains_points(placed, row, placed.boxes.center) for row in rows}

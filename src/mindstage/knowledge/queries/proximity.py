@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -47,7 +48,6 @@ from mindstage.scene.proximity import (
     directions,
     nearest_boxes,
 )
-from mindstage.scene.spatial import SpatialRelations
 from mindstage.scene.transforms import Array, normalize, quat_rotate
 
 __all__ = [
@@ -142,7 +142,22 @@ class PlacedBodies:
         self.state = state
         self.placed = BodyBoxes.from_bodies(state.world.bodies)
         self._row_by_iri = {body.iri: row for row, body in reversed(list(enumerate(self.placed.bodies)))}
-        self.maps = state.map_of_body()
+
+    @classmethod
+    def of(cls, state: WorldState) -> PlacedBodies:
+        """Those of a state, which are kept with it."""
+        return state.derived(PlacedBodies, PlacedBodies._moved)
+
+    def _moved(self, state: WorldState, rows: Indices) -> PlacedBodies:
+        if len(self.placed.bodies) < len(state.world.bodies):  # some have no place, and may have one now
+            return PlacedBodies(state)
+        placed = self.placed.moved(state.world.bodies, rows)
+        if placed is None:
+            return PlacedBodies(state)
+        moved = copy(self)
+        moved.__dict__.pop("comparable", None)
+        moved.state, moved.placed = state, placed
+        return moved
 
     def row_of(self, iri: Iri) -> int | None:
         """The row of an individual; None if it has no pose here."""
@@ -154,15 +169,19 @@ class PlacedBodies:
 
     def map(self, row: int) -> Iri:
         """The map of the individual in a row."""
-        return self.maps[self.placed.bodies[row].id]
+        return self.state.map_of_body[self.placed.bodies[row].id]
 
     @cached_property
     def comparable(self) -> NDArray[np.bool_]:
         """For each row, whether the body has a size and does not enclose all others; read-only."""
-        enclosing = set(SpatialRelations(self.state.world).enclosing_bodies)
-        mask = np.array([body.size is not None and body.id not in enclosing for body in self.placed.bodies], dtype=bool)
+        mask = self._has_size.copy()
+        mask[[self.placed.row_by_id[id] for id in self.state.relations.enclosing_bodies]] = False
         mask.flags.writeable = False
         return mask
+
+    @cached_property
+    def _has_size(self) -> NDArray[np.bool_]:
+        return np.array([body.size is not None for body in self.placed.bodies], dtype=bool)
 
     def candidates(self, *excluded: int) -> Indices:
         """The rows of all comparable bodies but some."""
@@ -192,7 +211,7 @@ class PlacedBodies:
 def placed_states(present: StateAccess, map: Iri | None) -> Iterator[PlacedBodies]:
     """The bodies of each state."""
     for state in present.states(map):
-        yield PlacedBodies(state)
+        yield PlacedBodies.of(state)
 
 
 def missing_arguments(text: str) -> MissingKnowledge:

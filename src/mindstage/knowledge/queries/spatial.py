@@ -32,7 +32,7 @@ from mindstage.scene.joint_kinematics import (
     joint_displacement,
     moving_body,
 )
-from mindstage.scene.spatial import SpatialRelation, SpatialRelations
+from mindstage.scene.spatial import SpatialRelation
 from mindstage.scene.transforms import normalize, pose_array
 
 __all__ = [
@@ -125,10 +125,10 @@ def where_is(
         where_is plate_3 on
     """
     for state in present.states(map):
-        homes, ids = state.map_of_body(), {body.iri: body.id for body in state.world.bodies}
+        homes, ids = state.map_of_body, state.id_of_iri
         if not {thing, other} <= {None, *ids}:
             continue
-        found = SpatialRelations(state.world).related(
+        found = state.relations.related(
             subjects=None if thing is None else (ids[thing],),
             others=None if other is None else (ids[other],),
             relations=tuple(SpatialRelation) if relation is None else (relation,),
@@ -280,7 +280,7 @@ def find_articulated_parts(
         part: the door, drawer or lid; None for all.
         furniture: finds the containers; it can be used again for a state with the same spawned worlds.
     """
-    homes = world_state.map_of_body()
+    homes = world_state.map_of_body
     bodies = {body.id: body for body in world_state.world.bodies}
     furniture = furniture or ContainerFinder(kb, world_state.spawned)
     for joint in world_state.world.joints:
