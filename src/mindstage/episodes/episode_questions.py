@@ -18,7 +18,7 @@ from mindstage.episodes.recording import EpisodeEventKind
 from mindstage.errors import InvalidArgumentError
 from mindstage.knowledge.history import EventFilter, History, PastEvent, WorldState
 from mindstage.knowledge.names import EntityType
-from mindstage.knowledge.queries.spatial import ContainerFinder, OpenState, find_articulated_parts
+from mindstage.knowledge.queries.spatial import ContainerFinder, OpenState, RigidNeighbors, find_articulated_parts
 from mindstage.knowledge.questions import (
     AnswerRow,
     AskedArguments,
@@ -263,7 +263,7 @@ def _held(
         facts = [*_spatial_facts(state, wanted, a, b), *_link_facts(state, wanted, a, b)]
         if not _OPENNESS.isdisjoint(wanted):
             if finder is None or finder[0] != state.spawned:
-                finder = state.spawned, ContainerFinder(kb, state.spawned)
+                finder = state.spawned, ContainerFinder(kb, RigidNeighbors(state))
             for row in find_articulated_parts(kb, state, b, finder[1]):
                 kind = HeldRelation.OPEN if row.state is OpenState.OPEN else HeldRelation.CLOSED
                 if kind in wanted and a in {None, row.thing}:

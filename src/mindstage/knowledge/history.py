@@ -21,6 +21,7 @@ from mindstage.scene import NO_GEOMETRY, Body, BodyId, GeometryMap, Iri, World
 
 if TYPE_CHECKING:  # many questions use no state
     from mindstage.scene.bounding_boxes import Indices
+    from mindstage.scene.joint_kinematics import RigidGroups
     from mindstage.scene.spatial import SpatialRelations
 
 __all__ = [
@@ -69,34 +70,48 @@ class WorldState(msgspec.Struct, frozen=True, kw_only=True, eq=False, dict=True)
     @property
     def map_of_body(self) -> Mapping[BodyId, Iri]:
         """The map that each body came from."""
-        return self.derived(_map_of_body, _unchanged)
+        return self.derived(_map_of_body)
 
     @property
     def id_of_iri(self) -> Mapping[Iri, BodyId]:
         """The body of each individual; the last one of several."""
-        return self.derived(_id_of_iri, _unchanged)
+        return self.derived(_id_of_iri)
+
+    @property
+    def row_of_id(self) -> Mapping[BodyId, int]:
+        """The place of each body in the world."""
+        return self.derived(_row_of_id)
 
     @property
     def individuals(self) -> Mapping[str, Iri]:
         """The individual of each body, by its id and its IRI."""
-        return self.derived(_individuals, _unchanged)
+        return self.derived(_individuals)
+
+    @property
+    def rigid_groups(self) -> RigidGroups:
+        """The groups of bodies that attachments connect."""
+        return self.derived(_rigid_groups)
 
     @property
     def relations(self) -> SpatialRelations:
         """The spatial relations of the bodies."""
         return self.derived(_relations, _moved_relations)
 
-    def derived(self, make: Callable[[WorldState], T], moved: Callable[[T, WorldState, Indices], T]) -> T:
+    def derived(self, make: Callable[[WorldState], T], moved: Callable[[T, WorldState, Indices], T] | None = None) -> T:
         """An object that is made of this state, which is kept, and must not be changed.
 
         Args:
             make: makes it.
             moved: makes it of that of an earlier state, this state, and the rows of the bodies that have moved since.
+                Without it the object does not depend on poses.
         """
         kept: dict[object, T] = self.__dict__.setdefault("_derived", {})
         if make not in kept:
             earlier: tuple[T, Indices] | None = self.__dict__.get("_earlier", {}).get(make)
-            kept[make] = make(self) if earlier is None else moved(earlier[0], self, earlier[1])
+            if earlier is None:
+                kept[make] = make(self)
+            else:
+                kept[make] = earlier[0] if moved is None else moved(earlier[0], self, earlier[1])
         return kept[make]
 
     def moved_rows(self, earlier: WorldState) -> Indices | None:
@@ -161,14 +176,20 @@ def _id_of_iri(state: WorldState) -> Mapping[Iri, BodyId]:
     return MappingProxyType({body.iri: body.id for body in state.world.bodies})
 
 
+def _row_of_id(state: WorldState) -> Mapping[BodyId, int]:
+    return MappingProxyType({body.id: row for row, body in enumerate(state.world.bodies)})
+
+
 def _individuals(state: WorldState) -> Mapping[str, Iri]:
     bodies = state.world.bodies
     by_id: dict[str, Iri] = {body.id: body.iri for body in reversed(bodies)}
     return MappingProxyType(by_id | {body.iri: body.iri for body in bodies})
 
 
-def _unchanged(value: T, state: WorldState, rows: Indices) -> T:
-    return value
+def _rigid_groups(state: WorldState) -> RigidGroups:
+    from mindstage.scene.joint_kinematics import RigidGroups
+
+    return RigidGroups.from_world(state.world)
 
 
 def _relations(state: WorldState) -> SpatialRelations:

@@ -166,8 +166,8 @@ def box_point_gaps(boxes: OrientedBoxes, point: Array) -> Array:
 def nearest_boxes(boxes: OrientedBoxes, row: int, candidates: Indices, count: int) -> tuple[Indices, Array]:
     """Returns the rows of the nearest boxes to one box and their gaps, the nearest first.
 
-    Overlapping boxes are equally near; among equals the nearer center comes first, then the lower row. The separating
-    axes give a lower bound of each gap, so that exact gaps are computed for the nearest few only.
+    Overlapping boxes are equally near; among equals the nearer center comes first, then the lower row. The bounds along
+    the axes of the world give a lower bound of each gap, so that exact gaps are computed for the nearest few only.
 
     Args:
         row: the box to start from.
@@ -176,7 +176,9 @@ def nearest_boxes(boxes: OrientedBoxes, row: int, candidates: Indices, count: in
     """
     if not len(candidates) or count < 1:
         return np.zeros(0, dtype=np.intp), np.zeros(0)
-    bound = np.maximum(-penetration_depths(boxes, np.full(len(candidates), row), candidates), 0.0)
+    low, high = boxes.bounds()
+    apart = np.maximum(low[candidates] - high[row], low[row] - high[candidates])
+    bound = np.linalg.norm(np.maximum(apart, 0.0), axis=1)
     order = np.argsort(bound, kind="stable")
     candidates, bound = candidates[order], bound[order]
     tested = min(len(candidates), 2 * count + 16)
@@ -236,10 +238,15 @@ def betweenness(boxes: OrientedBoxes, one: int, other: int, rows: Indices) -> tu
         The fraction of each footprint that is within the convex hull of the footprints of both, and the larger fraction
         that is within one of the two. A footprint without area counts by its center.
     """
-    prints = footprints(boxes)
-    hull = _convex_polygon(np.concatenate([prints[one], prints[other]]))
-    hidden = np.maximum(_fraction_within(prints[rows], prints[one]), _fraction_within(prints[rows], prints[other]))
-    return _fraction_within(prints[rows], hull), hidden
+    ends = footprints(boxes.rows(np.array([one, other])))
+    hull = _convex_polygon(ends.reshape(-1, 2))
+    low, high = (side[rows, :2] for side in boxes.bounds())
+    near = np.flatnonzero(np.all((low <= hull.max(axis=0)) & (high >= hull.min(axis=0)), axis=1))
+    prints = footprints(boxes.rows(rows[near]))
+    share, hidden = np.zeros((2, len(rows)))
+    share[near] = _fraction_within(prints, hull)
+    hidden[near] = np.maximum(*(_fraction_within(prints, end) for end in ends))
+    return share, hidden
 
 
 def _fraction_within(polygons: Array, convex: Array) -> Array:

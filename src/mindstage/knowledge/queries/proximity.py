@@ -38,7 +38,6 @@ from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import HAS_POSE, THING
 from mindstage.scene import Iri
 from mindstage.scene.bounding_boxes import Indices, footprints, polygon_areas, polygon_overlap_areas
-from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.proximity import (
     BodyBoxes,
     Direction,
@@ -203,8 +202,8 @@ class PlacedBodies:
     def group_of(self, row: int) -> frozenset[Iri]:
         """The individuals that attachments connect rigidly to the body in a row, with itself."""
         world = self.state.world
-        groups = RigidGroups.from_world(world).root_row
-        at = next(index for index, body in enumerate(world.bodies) if body.id == self.placed.bodies[row].id)
+        groups = self.state.rigid_groups.root_row
+        at = self.state.row_of_id[self.placed.bodies[row].id]
         return frozenset(world.bodies[other].iri for other in np.flatnonzero(groups == groups[at]).tolist())
 
 
@@ -337,11 +336,17 @@ def direction_of(
         direction_of other=table direction=left frame=viewer viewer_pose='0 1.5 1.6'
     """
     for bodies in placed_states(present, map):
-        yield from _directions_in(bodies, thing, other, Viewpoint.find(bodies, viewer, viewer_pose), frame)
+        view = Viewpoint.find(bodies, viewer, viewer_pose)
+        yield from _directions_in(bodies, thing, other, view, frame, direction)
 
 
 def _directions_in(
-    bodies: PlacedBodies, thing: Iri | None, other: Iri | None, view: Viewpoint | None, frame: ReferenceFrame | None
+    bodies: PlacedBodies,
+    thing: Iri | None,
+    other: Iri | None,
+    view: Viewpoint | None,
+    frame: ReferenceFrame | None,
+    wanted: Direction | None = None,
 ) -> Iterator[DirectionRow]:
     pairs = bodies.pairs(thing, other)
     if pairs is None:
@@ -357,6 +362,8 @@ def _directions_in(
         if frame in {None, each}:
             for direction, (holds, angle) in directions(offsets, headings).items():
                 named = _SEEN_FROM_VIEWER.get(direction, direction) if each is ReferenceFrame.VIEWER else direction
+                if wanted not in {None, named}:
+                    continue
                 for at in order[(holds & known)[order]].tolist():
                     yield DirectionRow(
                         thing=bodies.iri(things[at]),
@@ -391,12 +398,16 @@ def _frames(
 
 def _is_beside(placed: BodyBoxes, fixed: int, free: Indices) -> NDArray[np.bool_]:
     gap = np.maximum(placed.low[free, 2] - placed.high[fixed, 2], placed.low[fixed, 2] - placed.high[free, 2])
-    prints = footprints(placed.boxes)
+    is_beside: NDArray[np.bool_] = gap <= _MAX_HEIGHT_GAP_M + 1e-9
+    low, high = placed.low[:, :2], placed.high[:, :2]
+    near = np.flatnonzero(is_beside & np.all((low[free] <= high[fixed]) & (high[free] >= low[fixed]), axis=1))
+    prints = footprints(placed.boxes.rows(np.array([fixed, *free[near]])))
     areas = polygon_areas(prints)
-    smaller = np.minimum(areas[free], areas[fixed])
-    both = polygon_overlap_areas(prints, free, np.full(len(free), fixed))
-    share = np.divide(both, smaller, out=np.zeros(len(free)), where=smaller > 1e-12)
-    return np.asarray((gap <= _MAX_HEIGHT_GAP_M + 1e-9) & (share <= _MAX_OVERLAP_FRACTION + 1e-9))
+    smaller = np.minimum(areas[1:], areas[0])
+    both = polygon_overlap_areas(prints, np.arange(1, len(prints)), np.zeros(len(near), dtype=np.intp))
+    share = np.divide(both, smaller, out=np.zeros(len(near)), where=smaller > 1e-12)
+    is_beside[near] = share <= _MAX_OVERLAP_FRACTION + 1e-9
+    return is_beside
 
 
 @direction_of.explain
@@ -621,9 +632,9 @@ def _neighbors(
     if thing is not None and (start is None or bodies.placed.bodies[start].size is None):
         return
     own = bodies.group_of(start) if start is not None else frozenset()
-    rows = [row for row in bodies.candidates().tolist() if bodies.iri(row) not in own]
-    rows = [row for row in rows if cls is None or _is_of_class(kb, bodies, row, cls)]
-    candidates = np.array(rows, dtype=np.intp)
+    candidates = bodies.candidates(*(row for each in own if (row := bodies.row_of(each)) is not None))
+    if cls is not None:
+        candidates = candidates[[_is_of_class(kb, bodies, row, cls) for row in candidates.tolist()]]
     if start is not None:
         found, gaps = nearest_boxes(boxes, start, candidates, limit)
         origin = boxes.center[start]

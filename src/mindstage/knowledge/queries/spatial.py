@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -23,7 +23,7 @@ from mindstage.knowledge.questions import (
 )
 from mindstage.rdf.graphs import local_name
 from mindstage.rdf.vocabulary import CHILD, HAS_POSE, knowrob
-from mindstage.scene import Body, BodyId, Iri, Joint, World
+from mindstage.scene import Body, BodyId, Iri, Joint
 from mindstage.scene.bounding_boxes import OrientedBoxes, face_coverage
 from mindstage.scene.joint_kinematics import (
     JointDisplacement,
@@ -264,7 +264,7 @@ def articulated_parts(
         articulated_parts state=closed part=drawer_left_1
     """
     for world_state in present.states(map):
-        yield from find_articulated_parts(kb, world_state, part)
+        yield from find_articulated_parts(kb, world_state, part, thing=thing)
 
 
 def find_articulated_parts(
@@ -272,6 +272,8 @@ def find_articulated_parts(
     world_state: WorldState,
     part: Iri | None = None,
     furniture: ContainerFinder | None = None,
+    *,
+    thing: Iri | None = None,
 ) -> Iterator[JointOpenness]:
     """The doors, drawers and lids of a state, or one of them.
 
@@ -279,14 +281,17 @@ def find_articulated_parts(
         kb: the knowledge base.
         part: the door, drawer or lid; None for all.
         furniture: finds the containers; it can be used again for a state with the same spawned worlds.
+        thing: only those that may belong to this container; None for all.
     """
-    homes = world_state.map_of_body
-    bodies = {body.id: body for body in world_state.world.bodies}
-    furniture = furniture or ContainerFinder(kb, world_state.spawned)
+    homes, rows, bodies = world_state.map_of_body, world_state.row_of_id, world_state.world.bodies
+    furniture = furniture or ContainerFinder(kb, world_state.derived(RigidNeighbors))
+    fixed = None if thing is None else furniture.fixed_to(world_state.id_of_iri.get(thing))
     for joint in world_state.world.joints:
-        if joint.parent not in bodies or joint.child not in bodies:
+        if joint.parent not in rows or joint.child not in rows:
             continue
-        moving, holder = moving_body(joint, bodies[joint.parent], bodies[joint.child])
+        if fixed is not None and joint.parent not in fixed and joint.child not in fixed:
+            continue
+        moving, holder = moving_body(joint, bodies[rows[joint.parent]], bodies[rows[joint.child]])
         displacement, source = _displacement(joint, world_state)
         if displacement is None or part not in {None, moving.iri} or is_robot_part(moving):
             continue
@@ -384,19 +389,30 @@ def _is_open(displacement: JointDisplacement) -> bool:
     return displacement.displacement >= (_OPEN_M if displacement.is_prismatic else _OPEN_RAD)
 
 
+class RigidNeighbors:
+    """The bodies of the maps of a state, where all is closed, and what is fixed to each."""
+
+    def __init__(self, state: WorldState) -> None:
+        self.bodies: dict[BodyId, Body] = {}
+        self.fixed_to: dict[BodyId, Sequence[Body]] = {}
+        for world in state.spawned:
+            groups: dict[int, list[Body]] = {}
+            for body, number in zip(world.bodies, RigidGroups.from_world(world).root_row.tolist(), strict=True):
+                self.bodies[body.id] = body
+                self.fixed_to[body.id] = groups.setdefault(number, [])
+                groups[number].append(body)
+
+
 class ContainerFinder:
     """Finds the containers that doors and drawers belong to, from the poses in the maps, where all are closed."""
 
-    def __init__(self, kb: QuestionContext, maps: Iterable[World]) -> None:
+    def __init__(self, kb: QuestionContext, neighbors: RigidNeighbors) -> None:
         self._kb = kb
-        self._map_bodies: dict[BodyId, Body] = {}
-        self._rigid_neighbors: dict[BodyId, list[Body]] = {}
-        for world in maps:
-            groups: dict[int, list[Body]] = {}
-            for body, number in zip(world.bodies, RigidGroups.from_world(world).root_row.tolist(), strict=True):
-                self._map_bodies[body.id] = body
-                self._rigid_neighbors[body.id] = groups.setdefault(number, [])
-                self._rigid_neighbors[body.id].append(body)
+        self._map_bodies, self._rigid_neighbors = neighbors.bodies, neighbors.fixed_to
+
+    def fixed_to(self, id: BodyId | None) -> frozenset[BodyId]:
+        """A body and what is fixed to it in the maps."""
+        return frozenset(body.id for body in self._rigid_neighbors.get(id, ())) | {id} if id else frozenset()
 
     def container_of(self, part: Body, parent: Body) -> Body:
         """The container that a part closes, among the bodies that are fixed to `parent`; `parent` if there is none."""
