@@ -13,6 +13,7 @@ from tests.engines.scenes import body, world
 from mindstage.scene import NO_GEOMETRY, Body, World
 from mindstage.scene.bounding_boxes import footprints
 from mindstage.scene.floor_plan import FloorPath, FloorPlan, find_floor, free_floor_place, wall_rooms
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import ShapeScene
 from mindstage.scene.transforms import normalize
@@ -20,7 +21,7 @@ from mindstage.scene.transforms import normalize
 
 def floor_plan(scene: World, *, radius: float, level: float = 0.0, **options: object) -> FloorPlan:
     shapes = ShapeScene(scene.bodies, NO_GEOMETRY)
-    return FloorPlan(scene, shapes, radius=radius, height=1.5, level=level, **options)  # type: ignore[arg-type]
+    return FloorPlan(RigidGroups.from_world(scene), shapes, radius=radius, height=1.5, level=level, **options)  # type: ignore[arg-type]
 
 
 def way(plan: FloorPlan, start: tuple[float, float], goal: tuple[float, float]) -> FloorPath | None:

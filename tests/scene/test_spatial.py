@@ -315,7 +315,8 @@ def test_moved_relations_are_those_of_the_moved_world(seed: int) -> None:
         some = [f"b{row}" for row in rng.choice(len(bodies), 2, replace=False)]
         found = [(each.body, each.relation, each.other) for each in relations.related(subjects=some)]
         wanted = [row[:3] for row in rows_of(anew) if row[0].id in some]
-        assert len(found) == len(wanted) and set(found) == set(wanted)
+        assert len(found) == len(wanted)
+        assert set(found) == set(wanted)
 
 
 def test_a_body_that_loses_its_place_is_no_longer_related() -> None:

@@ -392,11 +392,17 @@ class EntityRegistry:
     def _moved_bodies(self, poses: Array | None, tolerance_m: float, tolerance_rad: float) -> tuple[Body, ...]:
         """The bodies, at these poses; those of the last snapshot as far as they are the same."""
         last, described = self._last, list(self.bodies.values())
-        if described != last.described:
+        if len(described) != len(last.described):
             last.described, last.described_poses = described, pose_array(body.pose for body in described)
             last.bodies, last.poses = tuple(described), last.described_poses
+        others = [] if described == last.described else _different_rows(described, last.described)
+        if others:
+            last.described, last.described_poses = described, last.described_poses.copy()
+            last.described_poses[others] = pose_array(described[row].pose for row in others)
         now = last.described_poses if poses is None else poses
-        changed = np.flatnonzero((now != last.poses).any(axis=1))
+        is_changed = (now != last.poses).any(axis=1)
+        is_changed[others] = True
+        changed = np.flatnonzero(is_changed)
         if not len(changed):
             return last.bodies
         wanted, origin = now[changed], last.described_poses[changed]
@@ -419,39 +425,50 @@ class EntityRegistry:
         is_same = described == last.described_joints and all(map(is_, frames, last.frames))
         if is_same and bodies is last.joined_bodies:
             return last.joints
+        rows = self.rows
         known = [joint for joint, frame in zip(described, frames, strict=True) if frame is not None]
-        moved = self._joint_poses(known, bodies, np.array([joint_frames[joint.id] for joint in known]).reshape(-1, 7))
+        joints = {joint.id: joint for joint in described}
+        if is_same and len(bodies) == len(last.joined_bodies):
+            other = set(_different_rows(bodies, last.joined_bodies))
+            known = [joint for joint in known if rows[joint.parent] in other or rows[joint.child] in other]
+            joints = dict(zip(joints, last.joints, strict=True)) | {joint.id: joint for joint in known}
+        if known:
+            ends = [(bodies[rows[joint.parent]], bodies[rows[joint.child]]) for joint in known]
+            joints |= _moved_joints(known, ends, [joint_frames[joint.id] for joint in known])
         last.described_joints, last.frames, last.joined_bodies = described, frames, bodies
-        last.joints = without_lost_masters(tuple(moved.get(joint.id, joint) for joint in described))
+        last.joints = without_lost_masters(tuple(joints.values()))
         return last.joints
 
-    def _joint_poses(self, known: Sequence[Joint], bodies: Sequence[Body], frames: Array) -> dict[BodyId, Joint]:
-        """The joints that have moved with their holders.
 
-        Args:
-            known: joints.
-            bodies: all bodies, at their poses, in the order of `ids`.
-            frames: the frames of each joint in its parent and in its child, 2n x 7.
-        """
-        if not known:
-            return {}
-        rows = self.rows
-        ends = [bodies[rows[id]] for joint in known for id in (joint.parent, joint.child)]
-        at_ends = pose_array(body.pose for body in ends)
-        at_ends[:, 3:] = normalize(at_ends[:, 3:])
-        now = pose_multiply(at_ends, frames).reshape(-1, 2, 7)
-        described = pose_array(joint.pose for joint in known)[:, None]
-        scale = np.maximum(1.0, np.abs(described[..., :3]).max(axis=2))
-        is_moved = np.abs(now[..., :3] - described[..., :3]).max(axis=2) > _FRAME_TOLERANCE * scale
-        is_moved |= quat_angle(np.broadcast_to(described[..., 3:], now[..., 3:].shape), now[..., 3:]) > _FRAME_TOLERANCE
-        moved: dict[BodyId, Joint] = {}
-        for row in np.flatnonzero(is_moved.any(axis=1)).tolist():
-            joint, parent, child = known[row], ends[2 * row], ends[2 * row + 1]
-            _, holder = moving_body(joint, parent, child)
-            end = 0 if holder is parent else 1
-            if is_moved[row, end]:
-                moved[joint.id] = msgspec.structs.replace(joint, pose=pose_from_array(now[row, end]))
-        return moved
+def _different_rows(now: Sequence[object], then: Sequence[object]) -> list[int]:
+    return [row for row, is_same in enumerate(map(is_, now, then)) if not is_same]
+
+
+def _moved_joints(
+    known: Sequence[Joint], ends: Sequence[tuple[Body, Body]], frames: Sequence[tuple[Array, Array]]
+) -> dict[BodyId, Joint]:
+    """Those of some joints that have moved with their holders, by their ids.
+
+    Args:
+        known: the joints.
+        ends: their parents and children, at their poses.
+        frames: the frames of each joint in its parent and in its child.
+    """
+    at_ends = pose_array(body.pose for pair in ends for body in pair)
+    at_ends[:, 3:] = normalize(at_ends[:, 3:])
+    now = pose_multiply(at_ends, np.array(frames).reshape(-1, 7)).reshape(-1, 2, 7)
+    described = pose_array(joint.pose for joint in known)[:, None]
+    scale = np.maximum(1.0, np.abs(described[..., :3]).max(axis=2))
+    is_moved = np.abs(now[..., :3] - described[..., :3]).max(axis=2) > _FRAME_TOLERANCE * scale
+    is_moved |= quat_angle(np.broadcast_to(described[..., 3:], now[..., 3:].shape), now[..., 3:]) > _FRAME_TOLERANCE
+    moved: dict[BodyId, Joint] = {}
+    for row in np.flatnonzero(is_moved.any(axis=1)).tolist():
+        joint, (parent, child) = known[row], ends[row]
+        _, holder = moving_body(joint, parent, child)
+        end = 0 if holder is parent else 1
+        if is_moved[row, end]:
+            moved[joint.id] = msgspec.structs.replace(joint, pose=pose_from_array(now[row, end]))
+    return moved
 
 
 @dataclass(slots=True)
@@ -468,7 +485,7 @@ class _LastSnapshot:
     bodies: tuple[Body, ...] = ()
     described_joints: list[Joint] = field(default_factory=list)
     frames: list[tuple[Array, Array] | None] = field(default_factory=list)
-    joined_bodies: tuple[Body, ...] | None = None
+    joined_bodies: tuple[Body, ...] = ()
     """The bodies that `joints` are at."""
     joints: tuple[Joint, ...] = ()
     links: list[tuple[BodyId, BodyId]] = field(default_factory=list)

@@ -28,6 +28,7 @@ from mindstage.robots.search_limits import CPU_S, SearchLimit
 from mindstage.scene import BodyId, PoseLike
 from mindstage.scene.bounding_boxes import Indices
 from mindstage.scene.floor_plan import FloorPlan, find_floor
+from mindstage.scene.joint_kinematics import RigidGroups
 from mindstage.scene.proximity import BodyBoxes
 from mindstage.scene.ray_casting import ShapeScene
 from mindstage.scene.spatial import SpatialRelations
@@ -100,7 +101,7 @@ class FloorMap:
         left_out = own | set(ignore) | set(SpatialRelations(world).enclosing_bodies)
         self._ids = tuple(body.id for body in bodies)
         self.plan = FloorPlan(
-            world,
+            RigidGroups.from_world(world),
             scene,
             radius=self.radius_m + _MARGIN_M,
             height=self.height_m,

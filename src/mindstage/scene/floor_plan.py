@@ -208,7 +208,7 @@ class FloorPlan:
 
     def __init__(
         self,
-        world: World,
+        groups: RigidGroups,
         scene: ShapeScene,
         *,
         radius: float,
@@ -220,7 +220,7 @@ class FloorPlan:
         """Computes the grid.
 
         Args:
-            world: the bodies.
+            groups: the rigid groups of the bodies.
             scene: their shapes, in the same order.
             radius: radius of the robot [m].
             height: height of the robot [m]: it passes below what is higher.
@@ -253,10 +253,7 @@ class FloorPlan:
         self._required = sqrt(radius * radius + self.cell * self.cell / 2)
         self.is_floor = self._grid.covered(slabs, 0.0) if len(slabs) else np.ones(self.shape, dtype=bool)
         self.is_free = self.is_floor & ~self._grid.covered(self._polygons, np.nextafter(self._required, 0.0))
-        groups = RigidGroups.from_world(world)
-        self._is_movable = (
-            (groups.is_dynamic | groups.is_jointed)[self._owner] if len(world.bodies) else np.zeros(0, bool)
-        )
+        self._is_movable = (groups.is_dynamic | groups.is_jointed)[self._owner]
 
     # -- cells ---------------------------------------------------------------------------------------------------------
 
@@ -423,10 +420,10 @@ def free_floor_place(
     level, floor = find_floor(bodies)
     slabs = {bodies.bodies[row].id for row in floor}
     enclosing = set(SpatialRelations(world).enclosing_bodies)
-    scene = ShapeScene(world.bodies, geometry)
+    groups, scene = RigidGroups.from_world(world), ShapeScene(world.bodies, geometry)
     for clearance in _CLEARANCES_M if near is None else _CLEARANCES_M[-1:]:
         plan = FloorPlan(
-            world,
+            groups,
             scene,
             radius=radius + clearance,
             height=height,

@@ -114,7 +114,7 @@ _ON_MAX_GAP_M, _ON_MAX_DEPTH_M = 0.005, 0.02
 _ABOVE_MAX_GAP_M = 3.0
 _MIN_FOOTPRINT_FRACTION = 0.1
 _NEXT_TO_MAX_GAP_M, _MIN_HEIGHT_FRACTION = 0.25, 0.5
-_MAX_COMPARED = 16
+_MAX_COMPARED = 64
 """Number of bodies that are compared with all others instead of sorting all."""
 _ROUNDING_TOLERANCE = 1e-9
 """Tolerance of all thresholds, so that the result does not depend on the pose of the scene as a whole."""
@@ -214,7 +214,7 @@ class SpatialRelations:
         is_moved[own] = True
         before = self._containing
         stays = ~(is_moved[before.outer] | is_moved[before.inner])
-        found = new._containing_pairs(new._pairs_of(own, np.ones(len(bodies), dtype=bool)))
+        found = new._containing_pairs(new._close_pairs(is_moved, np.ones(len(bodies), dtype=bool)))
         new._containing = _ContainingPairs(
             *(np.concatenate([old[stays], added]) for old, added in zip(before, found, strict=True))
         )
@@ -293,7 +293,7 @@ class SpatialRelations:
                 yield self._next_to_rows(a, b)
 
     def _close_pairs(
-        self, first: NDArray[np.bool_], second: NDArray[np.bool_], margin: Vector
+        self, first: NDArray[np.bool_], second: NDArray[np.bool_], margin: Vector = (0.0, 0.0, 0.0)
     ) -> Iterator[tuple[Indices, Indices]]:
         """As `overlapping_pairs`, which sorts all bodies; a few are compared with all instead."""
         few, many = sorted((first, second), key=np.count_nonzero)

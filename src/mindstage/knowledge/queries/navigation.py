@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 
 import numpy as np
 
@@ -73,9 +74,8 @@ class _Floor:
         self.state, self.robot = state, robot
         self.bodies = PlacedBodies.of(state)
         world = state.world
-        self.scene = ShapeScene(world.bodies, state.geometry)
-        self._row_by_iri = {body.iri: row for row, body in reversed(list(enumerate(world.bodies)))}
-        self.start = self._row_by_iri.get(start) if start is not None else None
+        self.scene = state.derived(_shape_scene, _moved_shape_scene)
+        self.start = self._world_row(start) if start is not None else None
         placed = self.bodies.placed
         below = None
         if self.start is not None and (row := self.bodies.row_of(world.bodies[self.start].iri)) is not None:
@@ -83,22 +83,31 @@ class _Floor:
         elif position is not None and len(position) == 3:
             below = float(position[2])
         level, floor_rows = find_floor(placed, below=below)
-        floor = [self._row_by_iri[placed.bodies[row].iri] for row in floor_rows]
+        floor = [state.row_of_id[placed.bodies[row].id] for row in floor_rows]
         self.ground = frozenset(floor)
-        enclosing = set(state.relations.enclosing_bodies)
-        ignored = [row for row, body in enumerate(world.bodies) if body.id in enclosing]
+        ignored = [state.row_of_id[id] for id in state.relations.enclosing_bodies]
         if self.start is not None and world.bodies[self.start].physics.is_dynamic and below is not None:
             own = self.bodies.group_of(self.bodies.row_of(world.bodies[self.start].iri) or 0)
-            ignored += [row for row, body in enumerate(world.bodies) if body.iri in own]
+            ignored += [row for each in own if (row := self._world_row(each)) is not None]
         self.plan = FloorPlan(
-            world, self.scene, radius=robot.radius, height=robot.height, level=level, floor=floor, ignored=ignored
+            state.rigid_groups,
+            self.scene,
+            radius=robot.radius,
+            height=robot.height,
+            level=level,
+            floor=floor,
+            ignored=ignored,
         )
         self._prints = footprints(self.scene.shape_boxes)
         self.position = position[:2] if position is not None else None
 
+    def _world_row(self, iri: Iri) -> int | None:
+        id = self.state.id_of_iri.get(iri)
+        return None if id is None else self.state.row_of_id[id]
+
     def row(self, iri: Iri) -> int | None:
         """The body of an individual that has shapes."""
-        row = self._row_by_iri.get(iri)
+        row = self._world_row(iri)
         return row if row is not None and len(self.footprint(row)) else None
 
     def footprint(self, row: int) -> Array:
@@ -153,6 +162,35 @@ class _Floor:
         return tuple(self.state.world.bodies[row].iri for row in rows)
 
 
+def _shape_scene(state: WorldState) -> ShapeScene:
+    return ShapeScene(state.world.bodies, state.geometry)
+
+
+def _moved_shape_scene(before: ShapeScene, state: WorldState, rows: Indices) -> ShapeScene:
+    return _shape_scene(state)
+
+
+_KEPT_PLANS = 3
+"""Number of floor plans that are kept for one state."""
+
+
+class _FloorPlans:
+    """The last floor plans of a state."""
+
+    def __init__(self, state: WorldState) -> None:
+        self._plans: dict[Hashable, _Floor] = {}
+
+    def of_moved(self, state: WorldState, rows: Indices) -> _FloorPlans:
+        """Those of a later state: none."""
+        return _FloorPlans(state)
+
+    def plan(self, key: Hashable, make: Callable[[], _Floor]) -> _Floor:
+        """The plan for a robot and a start."""
+        plan = self._plans.get(key) or make()
+        self._plans = dict([*self._plans.items()][-_KEPT_PLANS:]) | {key: plan}
+        return plan
+
+
 def _position(text: str | None, name: str) -> Array | None:
     return None if text is None else np.array(parse_numbers(text, name, (2, 3)))
 
@@ -160,14 +198,12 @@ def _position(text: str | None, name: str) -> Array | None:
 def _floors(
     present: StateAccess, map: Iri | None, robot: _Robot, start: Iri | None, start_position: str | None
 ) -> Iterator[_Floor]:
-    """The floor plans of the states that have the start; computed once for a question and its missing answers."""
+    """The floor plans of the states that have the start."""
     position = _position(start_position, "start_position")
-    for number, state in enumerate(present.states(map)):
-        if position is not None or any(body.iri == start for body in state.world.bodies):
-            key = ("floor", number, map, robot, start, start_position)
-            if key not in present.memo:
-                present.memo[key] = _Floor(state, robot, start, position)
-            yield present.memo[key]
+    for state in present.states(map):
+        if position is not None or start in state.id_of_iri:
+            plans = state.derived(_FloorPlans, _FloorPlans.of_moved)
+            yield plans.plan((robot, start, start_position), partial(_Floor, state, robot, start, position))
 
 
 # -- paths -------------------------------------------------------------------------------------------------------------
@@ -459,10 +495,22 @@ def in_room(
 
 
 def _rooms_in(kb: QuestionContext, bodies: PlacedBodies, thing: Iri | None) -> Iterator[RoomRow]:
-    is_room = [_is_named(kb, body.cls, _ROOM_NAMES) for body in bodies.placed.bodies]
-    found = list(_individual_rooms(kb, bodies, is_room))
-    if not found and not any(is_room):
-        found = list(_enclosing_rooms(bodies)) or list(_walled_rooms(kb, bodies))
+    rooms = bodies.rows_of_classes(lambda cls: _is_named(kb, cls, _ROOM_NAMES))
+    asked = None if thing is None else bodies.row_of(thing)
+    if thing is not None and asked is None:
+        return
+    only = range(len(bodies.placed.bodies)) if asked is None else [asked]
+    stated_rooms = {
+        member for name in _ROOM_NAMES for cls in _classes_named(kb, name) for member in kb.reasoner.members(cls)
+    }
+    if rooms or stated_rooms:  # without rooms with boxes, one that anything is stated to be in decides
+        found = list(_individual_rooms(kb, bodies, rooms, stated_rooms, only if rooms else None))
+        is_decided = bool(rooms or found)
+    else:
+        found, is_decided = [], False
+    if not is_decided:
+        kind = _enclosing_rooms if bodies.state.relations.enclosing_bodies else partial(_walled_rooms, kb)
+        found = list(kind(bodies, only))
     found.sort(key=lambda row: (len(row.region), row.region, row.thing))
     yield from (row for row in found if thing in {None, row.thing})
 
@@ -485,18 +533,21 @@ def _room_row(bodies: PlacedBodies, row: int, basis: RoomBasis, **fields: object
     )
 
 
-def _individual_rooms(kb: QuestionContext, bodies: PlacedBodies, is_room: Sequence[bool]) -> Iterator[RoomRow]:
+def _individual_rooms(
+    kb: QuestionContext,
+    bodies: PlacedBodies,
+    room_rows: Collection[int],
+    stated_rooms: Set[Iri],
+    only: Sequence[int] | None,
+) -> Iterator[RoomRow]:
     """Rooms that are individuals: stated first, then by their boxes; the smallest of several."""
-    placed = bodies.placed
-    rooms = {row: bodies.iri(row) for row, each in enumerate(is_room) if each and placed.bodies[row].size is not None}
-    stated_rooms = {
-        member for name in _ROOM_NAMES for cls in _classes_named(kb, name) for member in kb.reasoner.members(cls)
-    }
+    placed, is_room = bodies.placed, set(room_rows)
+    rooms = {row: bodies.iri(row) for row in room_rows if placed.bodies[row].size is not None}
     sizes = {row: float(np.prod(2 * placed.boxes.half_extents[row])) for row in rooms}
     order = sorted(rooms, key=lambda row: (sizes[row], row))
     inside = {row: _contains_points(placed, row, placed.boxes.center) for row in order}
-    for row in range(len(placed.bodies)):
-        if is_room[row]:
+    for row in range(len(placed.bodies)) if only is None else only:
+        if row in is_room:
             continue
         stated = next(
             (step.individual for step in kb.reasoner.wholes(bodies.iri(row)) if step.individual in stated_rooms), None
@@ -526,13 +577,12 @@ def _contains_points(placed: BodyBoxes, row: int, points: Array) -> Array:
     return np.asarray(np.all(np.abs(local) <= placed.boxes.half_extents[row] + 1e-9, axis=1))
 
 
-def _enclosing_rooms(bodies: PlacedBodies) -> Iterator[RoomRow]:
+def _enclosing_rooms(bodies: PlacedBodies, only: Sequence[int]) -> Iterator[RoomRow]:
     placed = bodies.placed
-    ids = set(bodies.state.relations.enclosing_bodies)
-    rows = [row for row, body in enumerate(placed.bodies) if body.id in ids]
+    rows = [placed.row_by_id[id] for id in bodies.state.relations.enclosing_bodies]
     rows.sort(key=lambda row: (float(np.prod(placed.boxes.half_extents[row])), row))
     inside = {row: _contains_points(placed, row, placed.boxes.center) for row in rows}
-    for row in range(len(placed.bodies)):
+    for row in only:
         holder = next((each for each in rows if inside[each][row] and each != row), None)
         if holder is not None and row not in rows:
             x, y, _ = (2 * placed.boxes.half_extents[holder]).tolist()
@@ -540,20 +590,15 @@ def _enclosing_rooms(bodies: PlacedBodies) -> Iterator[RoomRow]:
             yield _room_row(bodies, row, RoomBasis.ENCLOSURE, room=iri, region=local_name(iri), area=round(x * y, 6))
 
 
-def _walled_rooms(kb: QuestionContext, bodies: PlacedBodies) -> Iterator[RoomRow]:
+def _walled_rooms(kb: QuestionContext, bodies: PlacedBodies, only: Sequence[int]) -> Iterator[RoomRow]:
     placed = bodies.placed
     height = placed.high[:, 2] - placed.low[:, 2]
-    kinds: dict[Iri, bool] = {}
-    walls = []
-    for row, body in enumerate(placed.bodies):
-        if body.cls not in kinds:
-            kinds[body.cls] = _is_named(kb, body.cls, _WALL_CLASS_NAMES)
-        if kinds[body.cls] and body.size is not None and height[row] >= _MIN_WALL_HEIGHT_M:
-            walls.append(row)
-    rooms = wall_rooms(footprints(placed.boxes)[walls])
-    numbers = rooms.room_at(placed.boxes.center[:, :2])
-    for row, number in enumerate(numbers.tolist()):
-        if number and row not in walls:
+    of_walls = bodies.rows_of_classes(lambda cls: _is_named(kb, cls, _WALL_CLASS_NAMES))
+    walls = [row for row in of_walls if placed.bodies[row].size is not None and height[row] >= _MIN_WALL_HEIGHT_M]
+    rooms, is_wall = wall_rooms(footprints(placed.boxes.rows(np.array(walls, dtype=np.intp)))), set(walls)
+    numbers = rooms.room_at(placed.boxes.center[list(only), :2])
+    for row, number in zip(only, numbers.tolist(), strict=True):
+        if number and row not in is_wall:
             around = tuple(sorted(bodies.iri(walls[each]) for each in rooms.walls[number - 1]))
             area = round(rooms.areas[number - 1], 2)
             yield _room_row(bodies, row, RoomBasis.WALLS, region=f"room {number}", area=area, walls=around)

@@ -7,7 +7,7 @@ as walls that are one body, are left out, and so are bodies without a size.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from enum import StrEnum
@@ -177,6 +177,17 @@ class PlacedBodies:
         mask[[self.placed.row_by_id[id] for id in self.state.relations.enclosing_bodies]] = False
         mask.flags.writeable = False
         return mask
+
+    def rows_of_classes(self, is_wanted: Callable[[Iri], bool]) -> list[int]:
+        """The rows of the bodies whose class is one of those that are wanted."""
+        return sorted(row for cls, rows in self._rows_by_class.items() if is_wanted(cls) for row in rows)
+
+    @cached_property
+    def _rows_by_class(self) -> Mapping[Iri, Sequence[int]]:
+        found: dict[Iri, list[int]] = {}
+        for row, body in enumerate(self.placed.bodies):
+            found.setdefault(body.cls, []).append(row)
+        return found
 
     @cached_property
     def _has_size(self) -> NDArray[np.bool_]:

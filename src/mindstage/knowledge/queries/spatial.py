@@ -126,7 +126,7 @@ def where_is(
     """
     for state in present.states(map):
         homes, ids = state.map_of_body, state.id_of_iri
-        if not {thing, other} <= {None, *ids}:
+        if not all(each is None or each in ids for each in (thing, other)):
             continue
         found = state.relations.related(
             subjects=None if thing is None else (ids[thing],),
