@@ -10,9 +10,11 @@ from mindstage.episodes.episode import Episode
 from mindstage.episodes.neem import write_neem
 from mindstage.episodes.semlog import read_semlog
 from mindstage.maps import save_map
+from mindstage.scene import BodyId
 from tests.cli.runner import Run, json_output
 from tests.episodes.bag_files import Transform, matrix, write_bag
 from tests.episodes.episodes import EVENTS, kitchenette_episode
+from tests.episodes.neem_files import dump, write_knowrob_neem
 from tests.kitchenette import kitchenette
 
 
@@ -121,3 +123,16 @@ def test_the_events_of_a_neem_are_those_of_the_episode(run: Run, tmp_path: Path)
         assert [(each.id, each.kind, each.thing, each.agent) for each in episode.events()] == [
             (each.id, each.kind, each.thing, each.agent) for each in EVENTS
         ]
+
+
+def test_a_neem_of_the_hub_is_imported_for_a_map_and_asked(run: Run, tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path / "run.neem")
+    dump(tmp_path / "run.neem")
+    kitchen, episode = tmp_path / "kitchen.owl", tmp_path / "run.mcap"
+    save_map(kitchenette(), kitchen)
+    assert run("episode", "import", tmp_path / "run.neem", "--map", kitchen, "-o", episode).exit_code == 0
+    asked = run("ask", "occurs", "PickingUp", "--episode", episode, "--map", kitchen, "--json")
+    (row,) = json_output(asked)["answers"]
+    assert row["thing"].endswith("Mug")
+    with Episode(episode) as read:
+        assert read.frame_at(2.0).world().body(BodyId("Mug")).pose.position == pytest.approx((1.7, 0.0, 2.0))

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import math
 import re
 import shutil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import bson
 import numpy as np
 import pyoxigraph as ox
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from mindstage.episodes import EpisodeEvent, EpisodeFrame, FrameRecording, Recording
 from mindstage.episodes.neem import read_neem, write_neem
-from mindstage.errors import EpisodeFileError
+from mindstage.errors import EpisodeError, EpisodeFileError
 from mindstage.scene import Attachment, Body, BodyId, Iri, Pose, diff
 from tests.episodes.episodes import EVENTS, MUG, episodes, kitchenette_episode
+from tests.episodes.neem_files import dump, write_knowrob_neem
 from tests.kitchenette import kitchenette
 
 DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
@@ -216,42 +222,6 @@ def test_each_term_of_soma_and_dul_exists_there(shared_data: Path, tmp_path: Pat
 # -- NEEMs of others ---------------------------------------------------------------------------------------------------
 
 
-def write_knowrob_neem(folder: Path, *, task: str = "PickingUp") -> None:
-    """A NEEM as KnowRob's memory exports it with mongoexport: triples and transforms."""
-    (folder / "triples").mkdir()
-    (folder / "ros_tf").mkdir()
-    mug = kitchenette().body("Mug").iri
-    action, interval = DUL + "Action_QWER", DUL + "TimeInterval_ASDF"
-    triples = [
-        (SOMA + "Episode_X", TYPE, SOMA + "Episode"),
-        (SOMA + "Episode_X", DUL + "isSettingFor", action),
-        (action, TYPE, DUL + "Action"),
-        (action, DUL + "executesTask", SOMA + "Task_1"),
-        (SOMA + "Task_1", TYPE, SOMA + task),
-        (action, DUL + "hasTimeInterval", interval),
-        (interval, SOMA + "hasIntervalBegin", {"$numberDecimal": "1600000001.5"}),
-        (interval, SOMA + "hasIntervalEnd", 1600000002.5),
-        (action, DUL + "hasParticipant", mug),
-        (action, SOMA + "isPerformedBy", "http://knowrob.org/kb/PR2.owl#PR2_0"),
-    ]
-    (folder / "triples" / "triples.json").write_text(
-        "\n".join(json.dumps(dict(zip("spo", triple, strict=True))) for triple in triples)
-    )
-    documents = [
-        {
-            "header": {"seq": 0, "stamp": {"$date": date}, "frame_id": parent},
-            "child_frame_id": child,
-            "transform": {"translation": {"x": x, "y": 0.0, "z": 1.0}, "rotation": {"x": 0, "y": 0, "z": 0, "w": 1}},
-        }
-        for date, parent, child, x in (
-            ("2020-09-13T12:26:41.000Z", "map", "base_link", 1.0),
-            ("2020-09-13T12:26:41.000Z", "base_link", "Mug", 0.5),
-            ({"$numberLong": "1600000003000"}, "base_link", "Mug", 0.7),
-        )
-    ]
-    (folder / "ros_tf" / "tf.json").write_text("\n".join(map(json.dumps, documents)))
-
-
 def test_a_neem_of_knowrob_is_read_for_a_known_map(tmp_path: Path) -> None:
     write_knowrob_neem(tmp_path)
     neem = read_neem(tmp_path, kitchenette())
@@ -323,10 +293,72 @@ def test_a_damaged_folder_is_an_error(name: str, content: str | None, expected: 
         read_neem(tmp_path)
 
 
-def test_a_dump_as_bson_names_the_program_that_converts_it(tmp_path: Path) -> None:
-    (tmp_path / "tf.bson").write_bytes(b"")
-    with pytest.raises(EpisodeFileError, match=r"convert tf\.bson with bsondump"):
+@pytest.mark.parametrize("gzipped", [False, True])
+def test_a_dump_of_the_neem_hub_is_read_like_its_documents(gzipped: bool, tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path)
+    expected = read_neem(tmp_path, kitchenette())
+    dump(tmp_path, gzipped=gzipped)
+    neem = read_neem(tmp_path, kitchenette())
+    assert neem.events() == expected.events() != ()
+    assert_equal_frames(neem, expected)
+    assert neem.findings == expected.findings
+
+
+def test_annotations_are_the_comments_of_events(tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path)
+    dump(tmp_path)
+    comment = {"s": DUL + "Action_QWER", "p": RDFS + "comment", "v": "It held the mug."}
+    (tmp_path / "annotations").mkdir()
+    (tmp_path / "annotations" / "annotations.bson").write_bytes(bson.encode(comment))
+    (event,) = read_neem(tmp_path, kitchenette()).events()
+    assert event.evidence == ("It held the mug.",)
+
+
+def test_statements_that_hold_for_a_time_only_are_reported(tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path)
+    dump(tmp_path)
+    scope = {"time": {"since": 1600000001.0, "until": math.inf}}
+    inside = {"s": "http://x.org#Mug", "p": SOMA + "isInsideOf", "o": "http://x.org#Fridge", "scope": scope}
+    with (tmp_path / "triples" / "roslog" / "triples.bson").open("ab") as file:
+        file.write(bson.encode(inside))
+    findings = read_neem(tmp_path, kitchenette()).findings
+    assert any(line.startswith("1 statement of the narrative") for line in findings)
+
+
+GOOD = bson.encode({"s": "http://x.org#a", "p": RDFS + "comment", "o": "text"})
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (GOOD + GOOD[:-3], f"document 2, at byte {len(GOOD)}, is cut"),
+        (GOOD + b"\x05", f"document 2, at byte {len(GOOD)}, is cut"),
+        (b"\xff\xff\xff\x7f" + GOOD, "document 1, at byte 0, has the size 2,147,483,647"),
+        (b"\x00\x00\x00\x80" + GOOD, "document 1, at byte 0, has the size -2,147,483,648"),
+        (GOOD[:-1] + b"\x01", "document 1, at byte 0, is no BSON"),
+        (bson.encode({"s": 1, "p": 2, "o": 3}), "document 1, at byte 0 is no triple"),
+        (bson.encode({"s": "http://x.org#a"}), "document 1, at byte 0 is no triple"),
+    ],
+)
+def test_a_damaged_dump_is_an_error_that_names_the_document(data: bytes, expected: str, tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path)
+    dump(tmp_path)
+    (tmp_path / "triples" / "roslog" / "triples.bson").write_bytes(data)
+    with pytest.raises(EpisodeFileError, match=re.escape(expected)):
         read_neem(tmp_path, kitchenette())
+
+
+@given(st.binary(max_size=200), st.integers(0, 400))
+def test_no_dump_breaks_the_reader(noise: bytes, at: int) -> None:
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        write_knowrob_neem(folder)
+        dump(folder)
+        for path in (folder / "ros_tf" / "roslog" / "tf.bson", folder / "triples" / "roslog" / "triples.bson"):
+            data = path.read_bytes()
+            path.write_bytes(data[:at] + noise + data[at + len(noise) :])
+        with contextlib.suppress(EpisodeError):
+            read_neem(folder, kitchenette())
 
 
 def test_a_file_is_no_neem(tmp_path: Path) -> None:

@@ -187,7 +187,7 @@ def test_the_current_state_is_that_of_the_engine(sim: Simulation) -> None:
     assert current.world == sim.snapshot()
     assert current.spawned == sim.worlds
     assert (current.joint_positions is not None) == (sim.engine.name == "mujoco")
-    assert set(current.map_of_body().values()) == {kitchenette().iri}
+    assert set(current.map_of_body.values()) == {kitchenette().iri}
 
 
 def test_of_two_worlds_with_one_id_the_spawned_body_counts(sim: Simulation) -> None:
@@ -195,7 +195,7 @@ def test_of_two_worlds_with_one_id_the_spawned_body_counts(sim: Simulation) -> N
         kitchenette(), iri=kitchenette().iri + "2", bodies=kitchenette().bodies[-1:], joints=(), attachments=()
     )
     assert sim.spawn(other).failed_bodies
-    assert sim.current_state().map_of_body()[MUG] == kitchenette().iri
+    assert sim.current_state().map_of_body[MUG] == kitchenette().iri
 
 
 def test_the_bundled_kitchen_highlights_the_storage_place_of_milk_and_its_contents() -> None:

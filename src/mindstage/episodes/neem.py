@@ -12,7 +12,9 @@ and "NEEM-narrative"), and neem-interface.pl (`mem_episode_start`, `add_subactio
 
 from __future__ import annotations
 
+import gzip
 import math
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -307,7 +309,13 @@ class _Narrative:
 
 _NARRATIVES = ("ontology.ttl", "ontology.owl", "triples.json", "triples/triples.json", "roslog/triples.json")
 _EXPERIENCES = ("tf.json", "ros_tf/tf.json", "roslog/tf.json")
+_ANNOTATIONS = ("annotations.json", "annotations/annotations.json")
 _MAPS = ("map.owl", "map.ttl")
+_DUMPS = (".bson", ".bson.gz")
+"""What `mongodump` writes for a collection, in a folder of the database; the second with `--gzip`."""
+_MAX_DOCUMENT_BYTES = 16 * 1024**2
+"""MongoDB's limit of the size of a document."""
+_UNTIL_EVER = (None, math.inf)
 
 
 def read_neem(
@@ -320,8 +328,9 @@ def read_neem(
 ) -> Neem:
     """Reads a NEEM that `write_neem` or KnowRob wrote.
 
-    The narrative is `ontology.ttl`, `ontology.owl` or `triples.json`, the experience `tf.json`, here or in the folders
-    where KnowRob has them. Collections that are dumped as BSON become JSON with `bsondump --outFile tf.json tf.bson`.
+    The narrative is `ontology.ttl`, `ontology.owl` or the collection `triples`, with the comments in `annotations`; the
+    experience is the collection `tf`. A collection is a file with one JSON document a line, here or in the folders
+    where KnowRob has it, or a dump of `mongodump` in any folder, such as `triples/roslog/triples.bson` of the NEEM hub.
 
     Args:
         path: the folder.
@@ -338,15 +347,21 @@ def read_neem(
     if not folder.is_dir():
         raise EpisodeFileError(str(folder), cause="it is no folder", remedy="a NEEM is a folder with tf.json")
     world = world or _read_map(folder)
-    log = _read_transforms(_find(folder, _EXPERIENCES, "the experience"))
+    experience = _find(folder, _EXPERIENCES)
+    if not experience:
+        remedy = f"the experience is {' or '.join(_EXPERIENCES)}, or tf.bson in any folder"
+        raise EpisodeFileError(str(folder), cause="it has no experience", remedy=remedy)
+    log = _read_transforms(experience)
     events: tuple[EpisodeEvent, ...] = ()
-    if any((folder / name).is_file() for name in _NARRATIVES):
-        narrative = _read_graph(_find(folder, _NARRATIVES, "the narrative"))
+    if narratives := _find(folder, _NARRATIVES):
+        narrative = _read_graph([*narratives, *_find(folder, _ANNOTATIONS)], log.findings)
         reader = _EventReader(narrative, world, _first_stamp_ns(log) * _NS)
         events = reader.events()
         log.findings += reader.findings
     else:
-        log.findings.append(f"the folder has no narrative ({', '.join(_NARRATIVES[:3])}), so there are no events")
+        log.findings.append(
+            f"the folder has no narrative ({', '.join(_NARRATIVES[:3])} or triples.bson), so there are no events"
+        )
     return Neem(
         log,
         world,
@@ -359,19 +374,23 @@ def read_neem(
     )
 
 
-def _find(folder: Path, names: Sequence[str], what: str) -> Path:
+def _find(folder: Path, names: Sequence[str]) -> list[Path]:
+    """The first of some files that is there, or else all dumps of the collection; empty if there is none."""
     for name in names:
         if (folder / name).is_file():
-            return folder / name
-    bson = sorted(each.name for each in folder.rglob("*.bson"))
-    remedy = f"convert {listed(bson)} with bsondump" if bson else f"{what} is one of {', '.join(names)}"
-    raise EpisodeFileError(str(folder), cause=f"it has no {what.removeprefix('the ')}", remedy=remedy)
+            return [folder / name]
+    collection = Path(names[-1]).stem
+    return sorted(path for ending in _DUMPS for path in folder.rglob(collection + ending) if path.is_file())
 
 
 def _read_map(folder: Path) -> World:
     knowledge = KnowledgeBase()
     try:
-        knowledge.load(_find(folder, _MAPS, "the map"))
+        maps = _find(folder, _MAPS)
+        if not maps:
+            remedy = f"give it, or write it as {' or '.join(_MAPS)}"
+            raise EpisodeFileError(str(folder), cause="it has no map", remedy=remedy)
+        knowledge.load(maps)
         return knowledge.world()
     except KnowledgeError as error:
         raise EpisodeFileError(str(folder), cause=f"its map cannot be read: {error}") from error
@@ -379,16 +398,19 @@ def _read_map(folder: Path) -> World:
         knowledge.close()
 
 
-def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The JSON documents of a file, one a line, with their line numbers."""
+def _documents_of(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The documents of a collection, each with its place in the file."""
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise EpisodeFileError(str(path), cause=error.strerror or str(error)) from error
-    for number, line in enumerate(data.splitlines(), start=1):
+        yield from _dumped(path) if path.name.endswith(_DUMPS) else _lines(path)
+    except (OSError, EOFError, zlib.error) as error:  # also of gzip
+        raise EpisodeFileError(str(path), cause=getattr(error, "strerror", None) or str(error)) from error
+
+
+def _lines(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for number, line in enumerate(path.read_bytes().splitlines(), start=1):
         if line.strip():
             try:
-                yield number, msgspec.json.decode(line, type=dict[str, Any])
+                yield f"line {number}", msgspec.json.decode(line, type=dict[str, Any])
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 raise EpisodeFileError(
                     str(path),
@@ -397,9 +419,44 @@ def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
                 ) from error
 
 
-def _read_transforms(path: Path) -> TransformLog:
+def _dumped(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The documents of a dump, which are BSON one after another, each beginning with its size."""
+    try:
+        from bson import decode
+        from bson.codec_options import CodecOptions
+        from bson.errors import BSONError
+    except ImportError as error:
+        remedy = "pip install 'mindstage[episodes]'"
+        raise EpisodeFileError(str(path), cause="pymongo is not installed", remedy=remedy) from error
+    options: CodecOptions[dict[str, Any]] = CodecOptions(document_class=dict, tz_aware=True)
+    number, at = 0, 0
+    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        while head := file.read(4):
+            number += 1
+            size = int.from_bytes(head, "little", signed=True)
+            is_size = len(head) == 4 and 5 <= size <= _MAX_DOCUMENT_BYTES
+            body = file.read(size - 4) if is_size else b""
+            place = f"document {number}, at byte {at:,}"
+            if not is_size or len(body) < size - 4:
+                cause = f"{place}, is cut" if is_size or len(head) < 4 else f"{place}, has the size {size:,}"
+                raise EpisodeFileError(str(path), cause=cause, remedy="dump the collection again with mongodump")
+            try:
+                yield place, decode(head + body, options)
+            except (BSONError, RecursionError, ValueError, OverflowError) as error:
+                cause = f"{place}, is no BSON: {error}"
+                raise EpisodeFileError(str(path), cause=cause) from error
+            at += size
+
+
+def _read_transforms(paths: Iterable[Path]) -> TransformLog:
     log = TransformLog()
-    for number, document in _lines(path):
+    for path in paths:
+        _add_transforms(log, path)
+    return log
+
+
+def _add_transforms(log: TransformLog, path: Path) -> None:
+    for place, document in _documents_of(path):
         try:
             header, transform = document["header"], document["transform"]
             at, turn = transform["translation"], transform["rotation"]
@@ -409,17 +466,18 @@ def _read_transforms(path: Path) -> TransformLog:
         except (KeyError, TypeError, ValueError) as error:
             raise EpisodeFileError(
                 str(path),
-                cause=f"line {number} is no transform: {error!r}",
+                cause=f"{place} is no transform: {error!r}",
                 remedy="it needs header.stamp, header.frame_id, child_frame_id and transform",
             ) from error
         log.add_transform(child, parent, pose, stamp_ns=stamp_ns, logged_ns=stamp_ns)
     if not log:
         raise EpisodeFileError(str(path), cause="it has no transform")
-    return log
 
 
 def _stamp_ns(stamp: Any) -> int:
     """A time as MongoDB's tools and KnowRob write it: a date, milliseconds, seconds and nanoseconds, or seconds."""
+    if isinstance(stamp, datetime):
+        return round(stamp.timestamp() * 1000) * 1_000_000
     if isinstance(stamp, Mapping) and "$date" in stamp:
         date = stamp["$date"]
         if isinstance(date, str):
@@ -436,19 +494,37 @@ def _first_stamp_ns(log: TransformLog) -> int:
     return min(stamp for samples in log.moving.values() for stamp in samples.stamps)
 
 
-def _read_graph(path: Path) -> Graph:
-    if path.suffix != ".json":
-        try:
-            return read_statements(path)
-        except KnowledgeError as error:
-            raise EpisodeFileError(str(path), cause=f"it cannot be read: {error}") from error
+def _read_graph(paths: Iterable[Path], findings: list[str]) -> Graph:
     graph: dict[Iri, list[PropertyAssertion]] = {}
-    for number, document in _lines(path):
-        subject, property, value = (document.get(key) for key in "spo")
-        if not isinstance(subject, str) or not isinstance(property, str):
-            raise EpisodeFileError(str(path), cause=f"line {number} is no triple", remedy="it needs s, p and o")
-        graph.setdefault(Iri(subject), []).append(PropertyAssertion(Iri(property), _json_value(value)))
+    limited = 0
+    for path in paths:
+        if path.suffix not in {".json", ".bson", ".gz"}:
+            try:
+                read = read_statements(path)
+            except KnowledgeError as error:
+                raise EpisodeFileError(str(path), cause=f"it cannot be read: {error}") from error
+            for each, facts in read.items():
+                graph.setdefault(each, []).extend(facts)
+            continue
+        for place, document in _documents_of(path):
+            subject, property = document.get("s"), document.get("p")
+            value = document.get("o", document.get("v"))  # annotations have v
+            if not isinstance(subject, str) or not isinstance(property, str) or value is None:
+                raise EpisodeFileError(str(path), cause=f"{place} is no triple", remedy="it needs s, p and o")
+            graph.setdefault(Iri(subject), []).append(PropertyAssertion(Iri(property), _json_value(value)))
+            limited += _is_limited(document.get("scope"))
+    if limited:
+        findings.append(f"{counted(limited, 'statement')} of the narrative hold for a time only, which is not read")
     return graph
+
+
+def _is_limited(scope: Any) -> bool:
+    """Whether the scope of a triple in KnowRob's store is a part of all time."""
+    time = scope.get("time") if isinstance(scope, Mapping) else None
+    if not isinstance(time, Mapping):
+        return False
+    begin, end = time.get("since"), time.get("until")
+    return begin not in {None, 0} or end not in _UNTIL_EVER
 
 
 def _json_value(value: Any) -> FactValue:
@@ -457,6 +533,8 @@ def _json_value(value: Any) -> FactValue:
         (value,) = value.values()
     if isinstance(value, str) and "://" in value:
         return IriRef(Iri(value))
+    if isinstance(value, bool):
+        return Literal(str(value).lower(), xsd("boolean"))
     return Literal(str(value).replace("Infinity", "INF"))
 
 
