@@ -231,6 +231,14 @@ class HistoryChangedError(WorldError):
     template = "the history has changed in the meantime; look at it and choose the step again"
 
 
+class UnsavedEditsError(WorldError):
+    """A file would replace the world, and edits of it are not saved."""
+
+    template = "{edits} not saved, the last one: {last}; save the map first, or discard them"
+    edits: str = field(kw_only=False)
+    last: str
+
+
 # -- knowledge ---------------------------------------------------------------------------------------------------------
 
 

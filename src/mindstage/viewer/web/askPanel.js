@@ -5,6 +5,7 @@ import { channel } from "./rpcChannel.js";
 import { nameField } from "./nameCompletion.js";
 import { el, replaceChildren } from "./dom.js";
 import { panels } from "./panels.js";
+import { onReplacedWorld } from "./replacedWorld.js";
 import { callOrToast } from "./toasts.js";
 
 const EXAMPLE_PROLOG = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place),\narticulated_parts(Map, Place, State, Part)";
@@ -23,6 +24,11 @@ class AskPanel {
   build(root) {
     root.append(this.#modes, this.#form, this.#answers);
     replaceChildren(this.#modes, this.#modeButton("question", "Question"), this.#modeButton("sparql", "SPARQL"));
+    onReplacedWorld(() => {
+      this.#requests += 1; // an answer that is on its way is about the former world
+      replaceChildren(this.#answers);
+      this.#answers.setAttribute("aria-busy", "false");
+    });
     channel.on("connection", (connected) => connected && !this.#questions.length && this.#loadQuestions());
   }
 

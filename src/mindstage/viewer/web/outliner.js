@@ -5,6 +5,7 @@ import { channel } from "./rpcChannel.js";
 import { debounce, el } from "./dom.js";
 import { icon } from "./icons.js";
 import { panels } from "./panels.js";
+import { onReplacedWorld } from "./replacedWorld.js";
 import { selection } from "./selection.js";
 import { callOrToast } from "./toasts.js";
 
@@ -39,6 +40,11 @@ class Outliner {
     channel.on("visibility", ({ hidden }) => {
       this.#hidden = new Set(hidden);
       this.#render();
+    });
+    onReplacedWorld(() => {
+      this.#search.value = "";
+      this.#expanded.clear();
+      this.#applyFilter();
     });
     selection.onChange((id) => (id === this.#cursor && id ? this.#render() : this.#reveal(id)));
   }
