@@ -231,14 +231,6 @@ class HistoryChangedError(WorldError):
     template = "the history has changed in the meantime; look at it and choose the step again"
 
 
-class UnsavedEditsError(WorldError):
-    """A file would replace the world, and edits of it are not saved."""
-
-    template = "{edits} not saved, the last one: {last}; save the map first, or discard them"
-    edits: str = field(kw_only=False)
-    last: str
-
-
 # -- knowledge ---------------------------------------------------------------------------------------------------------
 
 
@@ -897,6 +889,14 @@ class PrologTimeoutError(PrologError):
     template = "the goal {goal!r} did not end within {timeout_s:g} s; increase the timeout, or limit the goal"
     goal: str = field(kw_only=False)
     timeout_s: float
+
+
+class UnsavedEditsError(MindstageError):
+    """A file would replace the world, and edits of it are not saved."""
+
+    template = "{edits} not saved, the last one: {last}; save the map first, or discard them"
+    edits: str = field(kw_only=False)
+    last: str
 
 
 class ViewerUnavailableError(MindstageError):

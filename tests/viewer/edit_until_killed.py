@@ -22,6 +22,6 @@ with Simulation(KnowledgeBase(), MujocoEngine()) as simulation:
             if number % 7 == 3:
                 simulation.edits.delete([BodyId("Mug")])
                 simulation.edits.undo()
-            simulation.edits.set_label(BodyId("Mug"), str(number))
+            simulation.edits.set_label(BodyId("Fridge"), str(number))
             print(time.time(), number, flush=True)
             time.sleep(float(sys.argv[1]))

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 from mindstage import KnowledgeBase, MujocoEngine, Simulation
+from mindstage.episodes.saved_sessions import SavedSession
 from mindstage.files import cache_dir
 from mindstage.scene import Body, BodyId, Pose, World, diff
 from mindstage.scene.edits import SetLabel
 from mindstage.viewer import Viewer
-from mindstage.viewer.autosave import SavedSession
 from tests.kitchenette import kitchenette
 from tests.viewer.page_client import PageClient, RequestFailedError, connect_page_client
 from tests.viewer.page_tab import PageTab
@@ -126,17 +126,18 @@ def test_without_edits_nothing_is_written(world: Simulation) -> None:
 def test_a_disk_that_fails_is_reported_and_the_edits_are_written_later(
     world: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from mindstage.episodes import saved_sessions
     from mindstage.viewer import autosave
 
     full = [True]
-    write = autosave.atomic_write
+    write = saved_sessions.atomic_write
 
     def fail(*args: Any, **options: Any) -> None:
         if full:
             raise OSError(28, "No space left on device")
         write(*args, **options)
 
-    monkeypatch.setattr(autosave, "atomic_write", fail)
+    monkeypatch.setattr(saved_sessions, "atomic_write", fail)
     monkeypatch.setattr(autosave, "_RETRY_S", 0.0)
     with Viewer(world, port=0, autosave=True) as viewer, connect_page_client(viewer.url) as client:
         world.edits.set_label(MUG, "kept")
@@ -147,10 +148,10 @@ def test_a_disk_that_fails_is_reported_and_the_edits_are_written_later(
     assert SavedSession(folder).present.body(MUG).label == "kept"
 
 
-def saved_number(folder: Path) -> int:
-    """The last label in a folder."""
+def saved_number(folder: Path, id: BodyId = MUG) -> int:
+    """The last label of a body in a folder."""
     session = SavedSession(folder)
-    text = session.present.body(MUG).label or "-1"
+    text = session.present.body(id).label or "-1"
     for edit in session.edits:
         if isinstance(edit, SetLabel):
             text = edit.text
@@ -174,7 +175,7 @@ def killed_number(
     process.wait(timeout=TIMEOUT_S)
     made = [(float(line.split()[0]), int(line.split()[1])) for line in lines if len(line.split()) == 2]
     (folder,) = (cache / "autosave").iterdir()
-    return made, saved_number(folder)
+    return made, saved_number(folder, BodyId("Fridge"))
 
 
 MAX_LOSS_S = 10.0

@@ -96,7 +96,7 @@ def test_every_other_window_is_told_who_did_what(viewer: Viewer, other_map: Path
             "Window 2 undid: other room loaded.",
             "Window 2 restored the spawned state; Undo brings back the state before.",
         ]
-        wait_until(lambda: toasts(first) == told, "the first window is told")
+        wait_until(lambda: toasts(first) == told, "the first window shows them")
         assert toasts(second) == []
 
 

@@ -621,6 +621,7 @@ class Handlers:
             autosave: whether edits are saved automatically.
         """
         self._channel = channel
+        channel.on_connect(lambda session: session.publish_to("window", session.name))
         self._world = WorldHandler(simulation, channel)
         self._views = ViewHandler(views, channel, server, exists=lambda body: body in simulation.state.ids)
         self._edits = EditHandler(simulation, channel, find_joint=self._world.joint)

@@ -552,7 +552,6 @@ class RpcChannel:
         # A page that reconnects has the same key; its old session may not be closed yet.
         self._sessions[session.key] = session
         session.name = f"Window {self._windows.setdefault(session.key, len(self._windows) + 1)}"
-        session.publish_to("window", session.name)
         for topic, text in list(self._states.items()):
             session.send_latest(topic, text)
         tasks = [asyncio.create_task(session.run_sender())]
