@@ -54,6 +54,7 @@ from mindstage.viewer.inspector import (
     live_details,
     scene_tree,
 )
+from mindstage.viewer.outline_places import OutlinePlaces
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel, session_key_of
 from mindstage.viewer.view_tools import PointerPicker, SessionViews, ViewToolHandler
 
@@ -288,7 +289,13 @@ class WorldHandler:
         self._joints_by_body, self._joint_handles = joints, {}
         self._spawn_record = SpawnRecord.from_worlds(self._simulation.worlds)
         self._world = world
-        self._channel.publish("scene_tree", scene_tree(world, engine=self._simulation.engine.name, enclosing=enclosing))
+        tree = scene_tree(
+            world,
+            engine=self._simulation.engine.name,
+            enclosing=enclosing,
+            sources=self._simulation.knowledge.sources(),
+        )
+        self._channel.publish("scene_tree", tree)
         # The tree may be unchanged, for example if only a mass was edited, but open details have to be updated.
         self._revisions += 1
         self._channel.publish("details_changed", self._revisions)
@@ -634,11 +641,13 @@ class Handlers:
         if autosave:
             self._autosave = Autosave(simulation, channel, is_unsaved=lambda: self._files.is_unsaved)
         self._ask = AskHandler(simulation, channel, prolog=prolog)
+        self._places = OutlinePlaces(simulation, channel)
         self._status = StatusHandler(simulation, channel)
         self._tour = TourHandler(simulation, channel, camera=self._views.camera)
 
     def close(self) -> None:
         """Ends what runs in threads."""
+        self._places.close()
         if self._autosave is not None:
             self._autosave.close()
 
