@@ -341,6 +341,7 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
     assert saved.name == "map.ttl"
     simulation.edits.delete([BodyId("Mug"), BodyId("Fridge")])
     tab.page.locator("[data-role=upload]").set_input_files(saved)
+    tab.page.get_by_role("button", name="Replace without saving").click()
     wait_until(lambda: len(simulation.state.ids) == 8, "all bodies are restored")
     wait_until(lambda: tab.shows_text("map: 8 bodies, 2 joints"), "the page shows it")
     simulation.edits.delete([BodyId("Mug")])
@@ -352,6 +353,7 @@ def test_the_map_is_saved_and_loaded_by_file_and_by_drop(
         document.getElementById("drop-target").dispatchEvent(event("drop"));
     }"""
     tab.page.evaluate(drop, saved.read_text(encoding="utf-8"))
+    tab.page.get_by_role("button", name="Replace without saving").click()
     wait_until(lambda: "Mug" in simulation.state.ids, "the dropped map is loaded")
     tab.page.evaluate(drop, "this is no map")
     wait_until(lambda: tab.shows_text("dropped.ttl"), "the invalid file is reported")
@@ -367,6 +369,7 @@ def test_on_a_phone_panels_are_sheets_over_the_view(viewer: Viewer, open_page: O
     assert not page.locator("#left-sidebar").is_visible()
     page.locator("[data-sheet=outline]").click()
     assert page.locator("#left-sidebar").is_visible()
+    page.locator("[data-role=find-body]").fill("mug")  # it is on the cupboard, whose row is closed
     page.locator(".tree-row[data-id=Mug] .tree-name").click()
     page.locator("[data-sheet=details]").click()
     assert not page.locator("#left-sidebar").is_visible()

@@ -138,11 +138,12 @@ class FileHandler:
             return None  # the world was not read from a map
 
     def _load(self, session: ClientSession, request: LoadRequest) -> dict[str, object]:
+        knowledge, world = self._read(request)  # nobody is asked about a file that cannot be loaded
         if self.is_unsaved and not request.discard:
+            knowledge.close()
             done = self._simulation.edits.history.undo
             edits = "1 edit is" if len(done) == 1 else f"{len(done)} edits are"
             raise UnsavedEditsError(edits, last=done[0] if done else "an undo")
-        knowledge, world = self._read(request)
         playing, speed = self._simulation.state.playing, self._simulation.state.speed
         self._loaded.append(knowledge)
         report = self._simulation.replace_world(world, knowledge=knowledge)

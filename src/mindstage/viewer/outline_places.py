@@ -19,7 +19,7 @@ from mindstage.knowledge import KnowledgeBase
 from mindstage.knowledge.queries import get_question
 from mindstage.knowledge.questions import StateAccess
 from mindstage.rdf.graphs import local_name
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Iri
 from mindstage.scene.spatial import SpatialRelation
 from mindstage.simulation import Simulation, StateSnapshot
 from mindstage.viewer.server import RpcChannel
@@ -94,7 +94,7 @@ def find_places(simulation: Simulation) -> Places:
     return Places(_without_circles(holders), rooms if len(set(rooms.values())) > 1 else {})
 
 
-def _is_floor(kb: KnowledgeBase, cls: str) -> bool:
+def _is_floor(kb: KnowledgeBase, cls: Iri) -> bool:
     names: Iterable[str] = map(local_name, (cls, *kb.ancestors(cls)))
     return any(part in name for name in names for part in _FLOORS)
 
