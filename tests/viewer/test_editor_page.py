@@ -154,7 +154,8 @@ def test_several_bodies_are_selected_hidden_and_deleted(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage
 ) -> None:
     tab = open_page(viewer, view=False)
-    wait_until(lambda: len(tab.tree_rows()) >= 3, "the tree is shown")
+    wait_until(lambda: tab.tree_rows() == ["Cupboard", "Floor", "Fridge"], "the tree is shown")
+    tab.page.locator(".tree-row[data-id=Cupboard] .caret").click()
     tab.page.locator(".tree-row[data-id=Fridge] .tree-name").click()
     tab.page.locator(".tree-row[data-id=Mug] .tree-name").click(modifiers=["Control"])
     wait_until(lambda: selected(tab) == ["Fridge", "Mug"], "two bodies are selected")
