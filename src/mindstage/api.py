@@ -318,6 +318,7 @@ def view(
     origins: Collection[str] = (),
     tls: TlsCertificate | None = None,
     visitor_limits: VisitorLimits | None = None,
+    autosave: bool = False,
     block: bool = False,
     duration_s: WallTime | None = None,
 ) -> Viewer:
@@ -333,6 +334,7 @@ def view(
         origins: further origins from which the page may be opened, such as `https://robot.example`.
         tls: the certificate for https://; None serves http://.
         visitor_limits: limits of each client address; None for the defaults.
+        autosave: whether edits are saved automatically, as the commands do; see `Viewer`.
         block: whether to play in real time until Ctrl-C, until the simulation is closed or until `duration_s`, and to
             close the page then. By default the function returns at once.
         duration_s: how long to block, in wall time [s].
@@ -350,7 +352,15 @@ def view(
     prolog = solve_query if is_installed() else None
     limits = visitor_limits or VisitorLimits()
     page = Viewer(
-        sim, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits, prolog=prolog
+        sim,
+        host=host,
+        port=port,
+        token=token,
+        origins=origins,
+        tls=tls,
+        visitor_limits=limits,
+        prolog=prolog,
+        autosave=autosave,
     )
     sim.on_close(page.close)
     QueryServer.start(sim, page=page.url)

@@ -891,6 +891,14 @@ class PrologTimeoutError(PrologError):
     timeout_s: float
 
 
+class UnsavedEditsError(MindstageError):
+    """A file would replace the world, and edits of it are not saved."""
+
+    template = "{edits} not saved, the last one: {last}; save the map first, or discard them"
+    edits: str = field(kw_only=False)
+    last: str
+
+
 class ViewerUnavailableError(MindstageError):
     """The page's server cannot listen at that address."""
 

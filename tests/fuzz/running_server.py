@@ -414,7 +414,7 @@ class ServerFuzzer:
         with self.server.page_client() as client, suppress(RequestFailedError):
             client.ask("ping")
             if loads:
-                client.ask("load", name="kitchen.owl", text=bundled_kitchen().read_text(encoding="utf-8"))
+                client.ask("load", name="kitchen.owl", text=bundled_kitchen().read_text(encoding="utf-8"), discard=True)
 
 
 @cache

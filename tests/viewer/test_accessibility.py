@@ -99,6 +99,7 @@ def states(page: Page, simulation: Simulation) -> Iterator[str]:
         if panel == "add":
             page.locator("[data-class]").first.click()
         if panel == "ask":
+            page.locator("[data-role=more-questions]").click()
             page.locator("[data-role=question]").select_option("where_is")
             page.locator("#panel-ask form [data-action=ask]").click()
             page.locator("#panel-ask td [data-action=explain]").first.click()

@@ -43,6 +43,7 @@ def page(viewer: Viewer, panel_browser: Any) -> Iterator[Any]:
 
 def test_a_question_is_asked_by_keyboard_explained_and_highlighted(page: Any, simulation: Simulation) -> None:
     page.click("[data-tab=ask]")
+    page.locator("[data-role=more-questions]").click()
     page.get_by_role("combobox", name="item").fill("cowsm")
     page.wait_for_selector("li[data-name=CowsMilk]")
     page.keyboard.press("ArrowDown")
@@ -67,6 +68,7 @@ def test_a_question_is_asked_by_keyboard_explained_and_highlighted(page: Any, si
 def test_a_restriction_on_an_inverse_is_shown_and_asked_for(page: Any, simulation: Simulation, tmp_path: Path) -> None:
     simulation.knowledge.load(lids_ontology(tmp_path))
     page.click("[data-tab=ask]")
+    page.locator("[data-role=more-questions]").click()
     page.locator("[data-role=question]").select_option("class_properties")
     page.get_by_role("combobox", name="cls").fill("http://example.org/o#Lid")
     for wanted, values in (("", {"Crate", "Screw"}), ("true", {"Crate"}), ("false", {"Screw"})):
@@ -80,6 +82,7 @@ def test_a_restriction_on_an_inverse_is_shown_and_asked_for(page: Any, simulatio
 
 def test_a_missing_fact_is_asserted_and_then_answers_the_question(page: Any, simulation: Simulation) -> None:
     page.click("[data-tab=ask]")
+    page.locator("[data-role=more-questions]").click()
     page.locator("[data-role=question]").select_option("storage_place")
     page.get_by_role("combobox", name="item").fill("Door")
     page.locator("[data-action=ask]").click()
@@ -97,6 +100,7 @@ def test_a_missing_fact_is_asserted_and_then_answers_the_question(page: Any, sim
 
 def test_a_query_and_an_invalid_one_are_answered_in_the_panel(page: Any, viewer: Viewer) -> None:
     page.click("[data-tab=ask]")
+    page.locator("[data-role=more-questions]").click()
     page.locator("[data-mode=sparql]").click()
     text = page.get_by_role("textbox", name="SPARQL query")
     text.fill("SELECT ?x WHERE { ?x a ms:FridgeW60H140 }")

@@ -42,7 +42,7 @@ def test_the_palette_runs_commands_and_selects_bodies(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage
 ) -> None:
     tab = open_page(viewer, view=False)
-    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    wait_until(lambda: len(tab.tree_rows()) >= 3, "the tree is shown")
     tab.page.keyboard.press("Control+k")
     tab.page.keyboard.type("mug")
     wait_until(lambda: tab.page.locator("#palette [data-entry='Select Mug']").is_visible(), "bodies are found")
@@ -70,7 +70,7 @@ def test_keys_work_outside_of_fields_and_the_help_lists_them(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage
 ) -> None:
     tab = open_page(viewer, view=False)
-    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    wait_until(lambda: len(tab.tree_rows()) >= 3, "the tree is shown")
     tab.page.locator("[data-role=find-body]").fill("?")
     tab.page.locator("[data-role=find-body]").press("Space")
     assert not tab.page.locator("#keyboard-help").is_visible(), "a key typed into a field is text"
@@ -97,7 +97,7 @@ def test_keys_work_outside_of_fields_and_the_help_lists_them(
 
 def test_a_body_is_renamed_and_the_name_undone(simulation: Simulation, viewer: Viewer, open_page: OpenPage) -> None:
     tab = open_page(viewer, view=False)
-    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    wait_until(lambda: len(tab.tree_rows()) >= 3, "the tree is shown")
     tab.select_in_tree("Mug")
     blur(tab)
     tab.page.keyboard.press("F2")
@@ -154,7 +154,8 @@ def test_several_bodies_are_selected_hidden_and_deleted(
     simulation: Simulation, viewer: Viewer, open_page: OpenPage
 ) -> None:
     tab = open_page(viewer, view=False)
-    wait_until(lambda: len(tab.tree_rows()) == 4, "the tree is shown")
+    wait_until(lambda: tab.tree_rows() == ["Cupboard", "Floor", "Fridge"], "the tree is shown")
+    tab.page.locator(".tree-row[data-id=Cupboard] .caret").click()
     tab.page.locator(".tree-row[data-id=Fridge] .tree-name").click()
     tab.page.locator(".tree-row[data-id=Mug] .tree-name").click(modifiers=["Control"])
     wait_until(lambda: selected(tab) == ["Fridge", "Mug"], "two bodies are selected")

@@ -410,7 +410,7 @@ def test_a_saved_map_can_be_loaded_without_loss(
     saved = client.ask("save", **options)
     assert saved["name"] == ("map.ttl" if "format" in options else "map.owl")
     client.ask("delete", ids=["Fridge", "Mug"])
-    loaded = client.ask("load", name=saved["name"], text=saved["text"])
+    loaded = client.ask("load", name=saved["name"], text=saved["text"], discard=True)
     assert (loaded["bodies"], loaded["joints"], loaded["failed"]) == (8, 2, [])
     lost = diff(before, physics_simulation.snapshot())
     assert (lost.only_in_a, lost.only_in_b) == ((), ())

@@ -122,6 +122,7 @@ def test_a_world_and_its_bodies(tab: PageTab) -> None:
 def test_answers_and_what_is_wrong_with_a_question(tab: PageTab) -> None:
     page = tab.page
     tab.open_panel("ask")
+    tab.page.locator("[data-role=more-questions]").click()
     page.locator("[data-mode=sparql]").click()
     query = page.get_by_role("textbox", name="SPARQL query")
     query.fill("SELECT ?text ?thing WHERE { ?thing rdfs:label|rdfs:comment ?text FILTER(CONTAINS(?text, '<img')) }")

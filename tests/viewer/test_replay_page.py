@@ -171,6 +171,7 @@ def test_questions_are_answered_at_the_shown_time(tab: PageTab, replay: EpisodeR
     def answer(time_s: float) -> str:
         replay.seek(time_s)
         tab.open_panel("ask")
+        tab.page.locator("[data-role=more-questions]").click()
         tab.page.locator("[data-role=sentence]").fill("where is Mug")
         tab.page.locator("[data-role=sentence]").press("Enter")
         wait_until(lambda: tab.page.locator("div.answers tbody tr").count() > 0, "there is an answer")

@@ -107,6 +107,7 @@ def pull_its_door_open(tab: PageTab, kitchen: Simulation) -> None:
 def ask_where_milk_is_kept(tab: PageTab, kitchen: Simulation) -> None:
     page = tab.page
     tab.open_panel("ask")
+    tab.page.locator("[data-role=more-questions]").click()
     page.get_by_role("combobox", name="item").fill("CowsMilk")
     tab.click_button("ask")
     page.locator("#panel-ask tr[data-id=fridge]").wait_for()

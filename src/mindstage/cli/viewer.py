@@ -114,7 +114,16 @@ def open_viewer(simulation: Simulation, *, port: int | None, access: ServerAcces
     from mindstage.api import view
 
     host, token, origins, tls, limits = access
-    return view(simulation, host=host, port=port, token=token, origins=origins, tls=tls, visitor_limits=limits)
+    return view(
+        simulation,
+        host=host,
+        port=port,
+        token=token,
+        origins=origins,
+        tls=tls,
+        visitor_limits=limits,
+        autosave=True,
+    )
 
 
 def show_page(

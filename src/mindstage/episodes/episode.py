@@ -39,7 +39,7 @@ from mindstage.scene import NO_GEOMETRY, BodyGeometry, BodyId, GeometryMap, Worl
 from mindstage.simulation.imagined import match_world
 from mindstage.simulation.simulation import Simulation
 
-__all__ = ["Episode"]
+__all__ = ["Episode", "parts_of_spawned"]
 
 _KEPT_CHUNKS = 8
 _KEPT_BASES = 4
@@ -312,7 +312,7 @@ class Episode:
         simulation = Simulation(self.knowledge(), make_engine(engine))
         try:
             present = frame.present()
-            for part in _parts(present, spawned):
+            for part in parts_of_spawned(present, spawned):
                 simulation.spawn(part, geometry=self.geometry)
             notes = simulation.engine.run(
                 lambda engine: match_world(engine, present, worlds=spawned),
@@ -542,7 +542,7 @@ class Episode:
         return self.frames()
 
 
-def _parts(present: World, spawned: Iterable[World]) -> Iterator[World]:
+def parts_of_spawned(present: World, spawned: Iterable[World]) -> Iterator[World]:
     """The spawned worlds with those of their bodies and joints that exist, and what none of them describes."""
     worlds = (*spawned, replace(present, attachments=()))
     exists = {body.id for body in present.bodies}

@@ -311,7 +311,12 @@ class Simulation:
         return report
 
     def replace_world(
-        self, world: World | str | None = None, *, knowledge: KnowledgeBase | None = None, title: str = ""
+        self,
+        world: World | str | None = None,
+        *,
+        knowledge: KnowledgeBase | None = None,
+        geometry: GeometryMap | None = None,
+        title: str = "",
     ) -> SpawnReport:
         """Replaces all worlds, with their robots, by one: `sim.replace_world(knowledge=other)` loads another map.
 
@@ -323,6 +328,7 @@ class Simulation:
             world: a world, or the name or IRI of a map; by default the only map.
             knowledge: the knowledge base from then on, which must stay open as long as it can be undone or redone;
                 by default the present one.
+            geometry: the geometry of bodies; by default it is fitted.
             title: the name of the edit in the undo history.
 
         Returns:
@@ -341,7 +347,7 @@ class Simulation:
             edit = ReplaceWorld(KeptWorld(self, contents, spawn=spawn), title=label)
             return self.edits.apply(edit)
 
-        report = self._spawn(description, make, contents["_geometry_provider"], ground=True)
+        report = self._spawn(description, make, contents["_geometry_provider"], geometry=geometry, ground=True)
         return replace(report, expected_rebuild_s=self._state.expected_rebuild_s)
 
     def _no_worlds(self, knowledge: KnowledgeBase) -> dict[str, Any]:

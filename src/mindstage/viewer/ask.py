@@ -40,6 +40,7 @@ from mindstage.scene import BodyId
 from mindstage.scene.colors import hex_color, parse_color
 from mindstage.simulation import Simulation, StateSnapshot
 from mindstage.simulation.question_pool import QuestionPool, WaitingQuestion
+from mindstage.viewer.answer_sentences import answer_sentence
 from mindstage.viewer.server import BoundedExecutor, ClientSession, EmptyRequest, Later, RpcChannel
 
 __all__ = [
@@ -107,6 +108,8 @@ class AnswerTable(msgspec.Struct, frozen=True, kw_only=True):
     """False if the search stopped at a limit, so that there may be more than `total`."""
     notes: tuple[str, ...] = ()
     """How a sentence or a name was understood."""
+    sentence: str = ""
+    """The result in words; empty for queries."""
 
 
 class _Parameter(msgspec.Struct, frozen=True):
@@ -143,7 +146,14 @@ def question_form(question: Question[Any]) -> QuestionForm:
     )
 
 
-def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, BodyId], *, title: str) -> AnswerTable:
+def answer_table(
+    kb: KnowledgeBase,
+    answers: Answers[Any],
+    bodies: Mapping[str, BodyId],
+    *,
+    title: str,
+    labels: Mapping[str, str] | None = None,
+) -> AnswerTable:
     """Converts the answers of a declared question to a table.
 
     A column with the class of the individual is added, because many individuals have a number for a name.
@@ -151,7 +161,8 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
     Args:
         kb: the knowledge base that was queried.
         bodies: ids of bodies by the IRI of the individual.
-        title: the title of the table.
+        title: the title of the table: what was asked.
+        labels: the names for people of the bodies that have one, by the IRI of the individual.
     """
     about = subject_column(answers)
     columns = _columns(kb, answers, about)
@@ -178,6 +189,7 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
         ),
         explainable=answers.question.has_explanation,
         notes=answers.notes,
+        sentence=answer_sentence(answers, labels or {}, asked=title),
     )
 
 
@@ -377,7 +389,7 @@ class AskHandler:
         """The question that each page waits for, by the key of its session; a page waits for one at a time."""
         self._keys = count(1)
         self._last_highlights: object = None
-        self._bodies: tuple[int, Mapping[str, BodyId]] = (-1, {})
+        self._bodies: tuple[int, Mapping[str, BodyId], Mapping[str, str]] = (-1, {}, {})
         channel.register("ask.questions", EmptyRequest, self._list, READ, queue="ask.words")
         channel.register("ask.complete", CompleteNameRequest, self._complete, READ, queue="ask.words")
         channel.register("ask", AskRequest, self._ask, QUERY, queue="ask")
@@ -432,7 +444,8 @@ class AskHandler:
 
         def kept(answers: Answers[Any]) -> _KeptAnswers:
             with self._simulation.knowledge.lock:
-                table = answer_table(self._simulation.knowledge, answers, self._body_by_iri(), title=title)
+                bodies, kb = self._body_by_iri(), self._simulation.knowledge
+                table = answer_table(kb, answers, bodies, title=title, labels=self._bodies[2])
             return _KeptAnswers(table, answers)
 
         if not self._pool.accepts(question, args):
@@ -527,7 +540,9 @@ class AskHandler:
         """Ids of the current bodies by IRI."""
         revision = self._simulation.state.revision
         if self._bodies[0] != revision:
-            self._bodies = (revision, {str(body.iri): body.id for body in self._simulation.snapshot().bodies})
+            bodies = self._simulation.snapshot().bodies
+            labels = {str(body.iri): body.label for body in bodies if body.label}
+            self._bodies = (revision, {str(body.iri): body.id for body in bodies}, labels)
         return self._bodies[1]
 
     def _remember(self, session: ClientSession, answered: _KeptAnswers) -> AnswerTable:

@@ -19,7 +19,7 @@ from mindstage.ranges import Index, RotationQuaternion
 from mindstage.rendering.camera import corners
 from mindstage.scene import Body, BodyId, BodyPhysics, Material, Mobility, Pose, Vector
 from mindstage.scene.colors import parse_color
-from mindstage.scene.edits import SetPoses
+from mindstage.scene.edits import SetPoses, counted_ids
 from mindstage.scene.transforms import pose_array, pose_from_array
 from mindstage.simulation import JointHandle, Simulation, StateSnapshot
 from mindstage.simulation.body_groups import BodyGroup, Dependents, find_dependents, paste_group
@@ -171,9 +171,20 @@ class EditHandler:
             channel: the channel of the pages.
             find_joint: returns the handle of a joint.
         """
-        self._simulation, self._find_joint = simulation, find_joint
+        self._simulation, self._channel, self._find_joint = simulation, channel, find_joint
         self._joint_drags: dict[BodyId, _JointDrag] = {}
         edits = simulation.edits
+
+        def undo(session: ClientSession, _: EmptyRequest) -> str:
+            label = edits.undo()
+            channel.tell_others(session, f"undid: {label}")
+            return label
+
+        def redo(session: ClientSession, _: EmptyRequest) -> str:
+            label = edits.redo()
+            channel.tell_others(session, f"did again: {label}")
+            return label
+
         channel.register("move", MoveRequest, self._move, EDIT)
         channel.register("set_physics", SetPhysicsRequest, self._set_physics, EDIT)
         channel.register("set_material", SetMaterialRequest, self._set_material, EDIT)
@@ -186,8 +197,8 @@ class EditHandler:
         channel.register("duplicate", BodiesRequest, self._duplicate, EDIT)
         channel.register("paste", PasteRequest, self._paste, SPAWN)
         channel.register("go_to_step", GoToRequest, self._go_to, EDIT)
-        channel.register("undo", EmptyRequest, lambda _, __: edits.undo(), EDIT)
-        channel.register("redo", EmptyRequest, lambda _, __: edits.redo(), EDIT)
+        channel.register("undo", EmptyRequest, undo, EDIT)
+        channel.register("redo", EmptyRequest, redo, EDIT)
         channel.on_disconnect(self._release)
 
     def publish(self, snapshot: StateSnapshot) -> None:
@@ -239,9 +250,10 @@ class EditHandler:
         else:
             self._simulation.edits.move_all({id: pose, **moved})
 
-    def _delete(self, _: ClientSession, request: DeleteRequest) -> tuple[BodyId, ...]:
-        edits = self._simulation.edits
-        return edits.delete(request.ids, parts=request.parts, contents=request.contents)
+    def _delete(self, session: ClientSession, request: DeleteRequest) -> tuple[BodyId, ...]:
+        deleted = self._simulation.edits.delete(request.ids, parts=request.parts, contents=request.contents)
+        self._channel.tell_others(session, f"deleted {counted_ids(deleted)}")
+        return deleted
 
     def _dependents(self, _: ClientSession, request: BodiesRequest) -> Dependents:
         return find_dependents(self._simulation.snapshot(), request.ids)
@@ -258,8 +270,9 @@ class EditHandler:
     def _spawn_group(self, group: BodyGroup, *, verb: str) -> tuple[BodyId, ...]:
         return paste_group(self._simulation, group, verb=verb)
 
-    def _go_to(self, _: ClientSession, request: GoToRequest) -> None:
+    def _go_to(self, session: ClientSession, request: GoToRequest) -> None:
         self._simulation.edits.go_to(request.position, version=request.version)
+        self._channel.tell_others(session, f"went to step {request.position} of the history")
 
     def _set_physics(self, _: ClientSession, request: SetPhysicsRequest) -> None:
         changes = {

@@ -28,6 +28,7 @@ from mindstage.errors import (
     MapNotFoundError,
     MindstageError,
     SourceParseError,
+    UnsavedEditsError,
 )
 from mindstage.files import atomic_write
 from mindstage.knowledge import KnowledgeBase
@@ -41,6 +42,7 @@ from mindstage.simulation import JointHandle, Simulation, SpawnRecord, StateSnap
 from mindstage.simulation.state import poses_in
 from mindstage.viewer.adding import AddHandler
 from mindstage.viewer.ask import AskHandler, PrologSolver
+from mindstage.viewer.autosave import Autosave
 from mindstage.viewer.client_views import ClientViews, GizmoMode
 from mindstage.viewer.editing import EditHandler, history_message
 from mindstage.viewer.inspector import (
@@ -52,6 +54,7 @@ from mindstage.viewer.inspector import (
     live_details,
     scene_tree,
 )
+from mindstage.viewer.outline_places import OutlinePlaces
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel, session_key_of
 from mindstage.viewer.view_tools import PointerPicker, SessionViews, ViewToolHandler
 
@@ -75,6 +78,8 @@ class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Annotated[str, msgspec.Meta(max_length=300)]
     text: Annotated[str, msgspec.Meta(max_length=MAP_CHARACTERS.count)]
+    discard: bool = False
+    """Whether to go on although edits are not saved."""
     conventions: UnitConventions = UnitConventions()
     """Conventions of the map; what is not given is inferred."""
 
@@ -82,19 +87,30 @@ class LoadRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class FileHandler:
     """Handles `save` and `load`: downloads of the world as a map, and uploads of maps."""
 
-    def __init__(self, simulation: Simulation, channel: RpcChannel) -> None:
+    def __init__(
+        self, simulation: Simulation, channel: RpcChannel, *, on_saved: Callable[[], None] = lambda: None
+    ) -> None:
         """Registers the requests.
 
         Args:
             channel: the channel of the pages.
+            on_saved: called when a page has got the world as a map.
         """
-        self._simulation, self._channel = simulation, channel
+        self._simulation, self._channel, self._on_saved = simulation, channel, on_saved
+        self._saved_version = simulation.edits.version
+        """The history whose last state is in a file."""
         self._loaded: list[KnowledgeBase] = []
         channel.register("save", SaveRequest, self._save, FILE, queue="files")
         channel.register("formats", EmptyRequest, self._formats, READ)
         channel.register("load", LoadRequest, self._load, FILE, queue="files")
 
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether there are edits that are in no file: neither saved as a semantic map, nor those of a loaded one."""
+        return self._simulation.edits.version != self._saved_version
+
     def _save(self, _: ClientSession, request: SaveRequest) -> dict[str, str]:
+        version = self._simulation.edits.version
         world = self._simulation.snapshot()
         format = file_format("", request.format, dialect=request.dialect)[1]
         name = f"{_safe_filename(world.name) or 'map'}{format.suffixes[0]}"
@@ -105,7 +121,10 @@ class FileHandler:
                 return file | {"base64": b64encode(Path(folder, name).read_bytes()).decode()}
         source_view = self._source_view(world) if request.dialect is None else None
         dialect = request.dialect or MapDialect.SEMLOG
-        return file | {"text": write_map(world, format=format.syntax, dialect=dialect, source_view=source_view)}
+        text = write_map(world, format=format.syntax, dialect=dialect, source_view=source_view)
+        self._saved_version = version
+        self._on_saved()
+        return file | {"text": text}
 
     def _formats(self, _: ClientSession, __: EmptyRequest) -> list[dict[str, str]]:
         """The formats in which the world can be saved, besides semantic maps."""
@@ -118,11 +137,17 @@ class FileHandler:
         except MapNotFoundError:
             return None  # the world was not read from a map
 
-    def _load(self, _: ClientSession, request: LoadRequest) -> dict[str, object]:
-        knowledge, world = self._read(request)
+    def _load(self, session: ClientSession, request: LoadRequest) -> dict[str, object]:
+        knowledge, world = self._read(request)  # nobody is asked about a file that cannot be loaded
+        if self.is_unsaved and not request.discard:
+            knowledge.close()
+            done = self._simulation.edits.history.undo
+            edits = "1 edit is" if len(done) == 1 else f"{len(done)} edits are"
+            raise UnsavedEditsError(edits, last=done[0] if done else "an undo")
         playing, speed = self._simulation.state.playing, self._simulation.state.speed
         self._loaded.append(knowledge)
         report = self._simulation.replace_world(world, knowledge=knowledge)
+        self._saved_version = self._simulation.edits.version
         in_use = {id(each) for each in (self._simulation.knowledge, *self._simulation.edits.knowledge_bases)}
         for each in self._loaded:
             if id(each) not in in_use:
@@ -131,6 +156,7 @@ class FileHandler:
         if playing:
             self._simulation.play(speed=speed)
         failed = (*report.failed_bodies, *report.failed_joints, *report.failed_attachments)
+        self._channel.tell_others(session, f"loaded {request.name}; Undo brings back the world before")
         return {
             "name": world.name,
             "bodies": report.bodies,
@@ -143,7 +169,7 @@ class FileHandler:
         """Parses an uploaded map into a new knowledge base with the current ontologies.
 
         Raises:
-            InvalidArgumentError: the suffix is not that of a map.
+            InvalidArgumentError: the suffix is not that of a map, or it has no bodies.
             ReferenceRefusedError: it imports something that is not loaded.
             ResourceRefusedError: the file refers to files of this machine.
             KnowledgeError: the file cannot be parsed, or contains no map.
@@ -163,6 +189,8 @@ class FileHandler:
             except SourceParseError as error:  # without the path on this machine
                 raise type(error)(request.name, cause=error.cause, line=error.line) from error
             world = knowledge.world()
+            if not world.bodies:
+                raise InvalidArgumentError(request.name, cause="no bodies were found in it; is it a semantic map?")
             require_granted(body.mesh for body in world.bodies)  # before the present world is replaced
             return knowledge, world
         except BaseException:
@@ -229,20 +257,31 @@ class WorldHandler:
         self._joint_handles: dict[BodyId, JointHandle] = {}
         self._spawn_record = SpawnRecord({}, {})
         self._revisions = 0
+        self._replacements = 0
+        """How often all worlds were replaced."""
+        self._first_world: World | None = None
         channel.register("play", PlayRequest, lambda _, request: simulation.play(speed=request.speed), EDIT)
         channel.register("pause", EmptyRequest, lambda _, __: simulation.pause(), EDIT)
         channel.register("step", StepRequest, self._step, RUN)
-        channel.register("reset", EmptyRequest, lambda _, __: simulation.edits.reset(), EDIT)
+        channel.register("reset", EmptyRequest, self._reset, EDIT)
         channel.register("details", DetailsRequest, self._details, READ, queue="details")
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
 
-    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
+    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> bool:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
             enclosing: bodies that are drawn as outlines.
+
+        Returns:
+            Whether all worlds were replaced, as by a file or by the undo of that.
         """
+        first = next(iter(self._simulation.worlds), None)
+        is_replaced = self._first_world is not None and first is not self._first_world
+        self._first_world = first
+        self._replacements += is_replaced
+        self._channel.publish("world", {"number": self._replacements})
         joints: dict[BodyId, list[Joint]] = {}
         for joint in world.joints:
             for end in (joint.parent, joint.child):
@@ -251,10 +290,17 @@ class WorldHandler:
         self._joints_by_body, self._joint_handles = joints, {}
         self._spawn_record = SpawnRecord.from_worlds(self._simulation.worlds)
         self._world = world
-        self._channel.publish("scene_tree", scene_tree(world, engine=self._simulation.engine.name, enclosing=enclosing))
+        tree = scene_tree(
+            world,
+            engine=self._simulation.engine.name,
+            enclosing=enclosing,
+            sources=self._simulation.knowledge.sources(),
+        )
+        self._channel.publish("scene_tree", tree)
         # The tree may be unchanged, for example if only a mass was edited, but open details have to be updated.
         self._revisions += 1
         self._channel.publish("details_changed", self._revisions)
+        return is_replaced
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes the clock, the undo history, and the live details of selected bodies."""
@@ -285,6 +331,10 @@ class WorldHandler:
     def _step(self, _: ClientSession, request: StepRequest) -> None:
         self._simulation.pause()
         self._simulation.step(request.duration_s)
+
+    def _reset(self, session: ClientSession, _: EmptyRequest) -> None:
+        self._simulation.edits.reset()
+        self._channel.tell_others(session, "restored the spawned state; Undo brings back the state before")
 
     def _details(self, _: ClientSession, request: DetailsRequest) -> BodyDetails:
         body, world = self._described_body(request.id)
@@ -492,6 +542,13 @@ class ViewHandler:
         client = self._server.get_clients().get(view)
         return session_key_of(client, self._server) if client is not None else None
 
+    def forget(self) -> None:
+        """Selects nothing, and hides nothing."""
+        for session in self._channel.sessions:
+            session.state.pop(SELECTED, None)
+        self._views.select(None)
+        self._views.show_bodies(tuple(self._views.hidden), True)
+
     def publish(self) -> None:
         """Publishes which bodies are hidden."""
         hidden = tuple(sorted(self._views.hidden))
@@ -560,6 +617,7 @@ class Handlers:
         server: viser.ViserServer,
         *,
         prolog: PrologSolver | None = None,
+        autosave: bool = False,
     ) -> None:
         """Registers all requests.
 
@@ -568,8 +626,10 @@ class Handlers:
             views: the views of all clients.
             server: the server of both.
             prolog: solves Prolog queries; without it they are refused.
+            autosave: whether edits are saved automatically.
         """
         self._channel = channel
+        channel.on_connect(lambda session: session.publish_to("window", session.name))
         self._world = WorldHandler(simulation, channel)
         self._views = ViewHandler(views, channel, server, exists=lambda body: body in simulation.state.ids)
         self._edits = EditHandler(simulation, channel, find_joint=self._world.joint)
@@ -577,10 +637,24 @@ class Handlers:
         self._picker = PointerPicker(simulation, views)
         self._adding = AddHandler(simulation, channel, session_views, self._picker)
         self._tools = ViewToolHandler(simulation, channel, session_views, self._picker)
-        self._files = FileHandler(simulation, channel)
+        self._files = FileHandler(simulation, channel, on_saved=self._on_saved)
+        self._autosave: Autosave | None = None
+        if autosave:
+            self._autosave = Autosave(simulation, channel, is_unsaved=lambda: self._files.is_unsaved)
         self._ask = AskHandler(simulation, channel, prolog=prolog)
+        self._places = OutlinePlaces(simulation, channel)
         self._status = StatusHandler(simulation, channel)
         self._tour = TourHandler(simulation, channel, camera=self._views.camera)
+
+    def close(self) -> None:
+        """Ends what runs in threads."""
+        self._places.close()
+        if self._autosave is not None:
+            self._autosave.close()
+
+    def _on_saved(self) -> None:
+        if self._autosave is not None:
+            self._autosave.forget()
 
     def session_of_view(self, view: int) -> ClientSession | None:
         """The session of the page that contains a view; None if the view was opened without the page."""
@@ -607,14 +681,19 @@ class Handlers:
 
     # -- for the drawing thread ----------------------------------------------------------------------------------------
 
-    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> None:
+    def on_rebuild(self, world: World, *, enclosing: Container[BodyId]) -> bool:
         """Publishes a world in which bodies were added, removed or edited.
 
         Args:
             enclosing: bodies that are drawn as outlines.
+
+        Returns:
+            Whether all worlds were replaced; nothing is selected or hidden then.
         """
-        self._world.on_rebuild(world, enclosing=enclosing)
+        if is_replaced := self._world.on_rebuild(world, enclosing=enclosing):
+            self._views.forget()
         self._views.publish()
+        return is_replaced
 
     def publish(self, snapshot: StateSnapshot) -> None:
         """Publishes everything that changes with the state of the simulation; called several times a second."""

@@ -6,9 +6,11 @@ sent on request. The scene tree refers to rows and classes by index: 5,000 bodie
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
+from pathlib import Path
 
 import msgspec
 
@@ -23,6 +25,7 @@ from mindstage.scene.colors import hex_color
 from mindstage.scene.joint_kinematics import is_robot_part, joint_reach
 from mindstage.scene.transforms import Array, normalize, pose_from_array
 from mindstage.simulation import ConnectedClient, EngineStats, JointAxisState, JointHandle, Simulation, StateSnapshot
+from mindstage.viewer.answer_sentences import name_in_words
 from mindstage.viewer.server import ClientSession, EmptyRequest, RpcChannel
 
 __all__ = [
@@ -45,6 +48,7 @@ __all__ = [
     "body_details",
     "live_details",
     "scene_tree",
+    "world_title",
 ]
 
 
@@ -239,17 +243,44 @@ class SceneTree(msgspec.Struct, frozen=True, kw_only=True):
     name: str
     engine: str
     classes: tuple[str, ...]
+    class_words: tuple[str, ...]
+    """What people call the members of each class."""
     rows: tuple[SceneTreeRow, ...]
     joints: int
     """Number of joints that are not fixed."""
 
 
-def scene_tree(world: World, *, engine: str, enclosing: Container[BodyId] = ()) -> SceneTree:
+_OPAQUE = re.compile(
+    r"map|world|environment|SemanticEnvironmentMap.*|.*[_-](?=\w*\d)(?=\w*[A-Za-z])\w{4,}|\w{12,}", re.ASCII
+)
+"""Names of maps that say nothing to people."""
+
+
+def world_title(world: World, sources: Iterable[Path]) -> str:
+    """The name of a world for people: its label, or its name, or that of its file if the name is an opaque id.
+
+    Args:
+        world: the world.
+        sources: the files that are loaded; the one of the map is not known to be any but the last.
+    """
+    for fact in world.facts:
+        if fact.property.endswith("#label") and isinstance(fact.value, Literal) and fact.value.text:
+            return fact.value.text
+    name = world.name or local_name(world.iri)
+    if _OPAQUE.fullmatch(name) and (files := tuple(sources)):
+        return files[-1].stem
+    return name
+
+
+def scene_tree(
+    world: World, *, engine: str, enclosing: Container[BodyId] = (), sources: Iterable[Path] = ()
+) -> SceneTree:
     """Builds the tree of a world: parents are the bodies that others are attached or joined to.
 
     Args:
         engine: name of the engine.
         enclosing: bodies that enclose the scene.
+        sources: see `world_title`.
     """
     rows_by_id = {body.id: row for row, body in enumerate(world.bodies)}
     links: dict[BodyId, tuple[BodyId, ParentLink, BodyId | None]] = {}
@@ -282,9 +313,10 @@ def scene_tree(world: World, *, engine: str, enclosing: Container[BodyId] = ()) 
             )
         )
     return SceneTree(
-        name=world.name or local_name(world.iri),
+        name=world_title(world, sources),
         engine=engine,
         classes=tuple(map(local_name, classes)),
+        class_words=tuple(name_in_words(local_name(cls)) for cls in classes),
         rows=tuple(rows),
         joints=sum(any(reach != 0.0 for reach in joint_reach(joint)) for joint in world.joints),
     )

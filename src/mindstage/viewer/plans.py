@@ -295,8 +295,12 @@ class PlanHandler:
             return self._replay.duration_s
 
     def _clear(self, _: ClientSession, __: EmptyRequest) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Removes the result of the last plan, and what shows it."""
         with self._lock:
-            self._layers, self._replay = {}, None
+            self._layers, self._replay, self._tried = {}, None, None
             if not self._is_busy:
                 self._change_state({"state": "idle"})
 

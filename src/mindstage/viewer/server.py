@@ -340,6 +340,8 @@ class ClientSession:
             socket: the page's websocket.
         """
         self.key = key
+        self.name = "a window"
+        """What the people at other pages read."""
         self.state: dict[Hashable, Any] = {}
         """Values that request handlers keep for this session."""
         self._socket = socket
@@ -456,6 +458,8 @@ class RpcChannel:
         self._methods: dict[str, _Method] = {}
         self._states: dict[str, bytes] = {}
         self._sessions: dict[str, ClientSession] = {}
+        self._windows: dict[str, int] = {}
+        """The numbers of all pages that were open since the start, by key."""
         self._connect_callbacks: list[Callable[[ClientSession], None]] = []
         self._disconnect_callbacks: list[Callable[[ClientSession], None]] = []
         self._executor = ThreadPoolExecutor(max_workers=32, thread_name_prefix="mindstage-page")
@@ -520,6 +524,13 @@ class RpcChannel:
         for session in self.sessions:
             session.send(text)
 
+    def tell_others(self, session: ClientSession, text: str) -> None:
+        """Tells all other pages what the people at a page did: "Window 2 loaded kitchen.owl"."""
+        event = event_message("toast", {"text": f"{session.name} {without_paths(text)}.", "kind": "info"})
+        for other in self.sessions:
+            if other is not session:
+                other.send(event)
+
     def close(self) -> None:
         """Stops handling requests."""
         self._executor.shutdown(wait=False, cancel_futures=True)
@@ -540,6 +551,7 @@ class RpcChannel:
         socket.protocol.max_message_size = self.limits.message_bytes
         # A page that reconnects has the same key; its old session may not be closed yet.
         self._sessions[session.key] = session
+        session.name = f"Window {self._windows.setdefault(session.key, len(self._windows) + 1)}"
         for topic, text in list(self._states.items()):
             session.send_latest(topic, text)
         tasks = [asyncio.create_task(session.run_sender())]

@@ -77,6 +77,7 @@ class Viewer:
         tls: TlsCertificate | None = None,
         visitor_limits: VisitorLimits = DEFAULT_VISITOR_LIMITS,
         prolog: PrologSolver | None = None,
+        autosave: bool = False,
     ) -> None:
         """Starts serving; the simulation may be empty.
 
@@ -90,6 +91,8 @@ class Viewer:
             tls: the certificate for https://; None serves http://.
             visitor_limits: limits of each client address.
             prolog: solves Prolog queries typed on the page; without it the page offers none.
+            autosave: whether edits are saved automatically, in Mindstage's cache; pages of a later process with the
+                same map ask whether to restore them. A replay has nothing to save.
 
         Raises:
             AuthenticationError: the host is not a loopback address, and there is no token.
@@ -115,7 +118,8 @@ class Viewer:
         self.views = ClientViews(self._server, on_place=self._place_body, instances=self._scene.instances)
         """The views of all clients: camera, selection, labels."""
         self._markers = MarkerNodes(self._server)
-        self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog)
+        is_saved = autosave and not isinstance(simulation, EpisodeReplay)
+        self._handlers = Handlers(simulation, self.channel, self.views, self._server, prolog=prolog, autosave=is_saved)
         ghosts = GhostNodes(self._server)
         self._plans = PlanHandler(simulation, self.channel, ghosts)
         self._robots = RobotHandler(simulation, self.channel, self._server, view_center=self._handlers.view_center)
@@ -189,6 +193,7 @@ class Viewer:
         self._remove_listener()
         self._wakeup.set()
         self._thread.join()
+        self._handlers.close()
         self._plans.close()
         self._robots.close()
         self._recording.close()
@@ -275,9 +280,9 @@ class Viewer:
             return
         enclosing = {id for report in self._simulation.reports for id in report.ids_with_note(SpawnNoteKind.ENCLOSURE)}
         # Panels first, because drawing the scene takes much longer.
-        self._handlers.on_rebuild(
-            world, enclosing=find_outlines(world, geometry=self._simulation.geometry, enclosing=enclosing)
-        )
+        outlines = find_outlines(world, geometry=self._simulation.geometry, enclosing=enclosing)
+        if self._handlers.on_rebuild(world, enclosing=outlines):
+            self._plans.forget()
         before = self._last_world
         if before is None or snapshot.ids is not self._scene.ids or _visible_part(world) != _visible_part(before):
             self._draw(snapshot, world, enclosing)

@@ -11,14 +11,14 @@ let color = COLORS[0];
 
 // Shows a result of the server (see AnswerTable in Python); `askAgain` repeats the question after a fact was asserted.
 export function answerTable(answers, askAgain) {
-  return el("div", { class: "answers", "data-answers": String(answers.total) }, header(answers), answers.notes?.map((note) => el("p", { class: "muted", "data-role": "note" }, note)), answers.boolean === undefined || answers.boolean === null ? table(answers) : null, answers.missing?.map((fact) => missingFact(fact, askAgain)));
+  return el("div", { class: "answers", "data-answers": String(answers.total) }, answers.sentence ? el("p", { class: "answer-sentence", role: "status", "data-role": "sentence-answer" }, answers.sentence) : null, header(answers), answers.notes?.map((note) => el("p", { class: "muted", "data-role": "note" }, note)), answers.boolean === undefined || answers.boolean === null ? table(answers) : null, answers.missing?.map((fact) => missingFact(fact, askAgain)));
 }
 
 function header(answers) {
   const count = answers.boolean === true ? "yes" : answers.boolean === false ? "no" : answers.complete === false ? `the first ${answers.total} answers, there may be more` : answers.total === 1 ? "1 answer" : `${answers.total} answers`;
   const shown = answers.rows.length < answers.total ? `, the first ${answers.rows.length} shown` : "";
   return el("div", { class: "row answers-header" },
-    el("strong", { class: "grow", role: "status" }, `${count}${shown}`),
+    el(answers.sentence ? "span" : "strong", { class: "grow muted" }, `${count}${shown}`),
     answers.ids.some(Boolean) || answers.explainable ? [colorMenu(), el("button", { type: "button", class: "primary", "data-action": "highlight-all", title: "Highlight all answers and dim the other bodies", onclick: () => highlight(answers) }, "Highlight")] : null);
 }
 
@@ -28,9 +28,10 @@ function colorMenu() {
     COLORS.map((name) => el("option", { value: name, selected: name === color }, name)));
 }
 
-async function highlight(answers) {
+// Highlights the bodies of all answers; at once after a question, which says nothing about answers without bodies.
+export async function highlight(answers, { atOnce = false } = {}) {
   const result = await callOrToast("ask.highlight", { key: answers.key, color, replace: true });
-  if (!result) return;
+  if (!result || atOnce) return;
   const failed = result.not_highlighted.map(({ id, reason }) => `${id}: ${reason}`);
   if (!result.highlighted.length && !failed.length) toast("None of these answers has a body in the world.");
   if (failed.length) toast(failed.length > 3 ? `${failed.length} have no body: ${failed.slice(0, 3).join("; ")} …` : failed.join("; "));

@@ -1,15 +1,18 @@
-// The Ask panel: forms for the declared questions, SPARQL queries and Prolog goals; and the legend of highlighted bodies.
+// The Ask panel: a question in words, its answer as a sentence and as rows, which are highlighted at once; under "More"
+// the forms of the declared questions, SPARQL queries and Prolog goals; earlier questions; the legend of what is highlighted.
 
-import { answerTable } from "./answerTable.js";
+import { answerTable, highlight } from "./answerTable.js";
 import { channel } from "./rpcChannel.js";
 import { nameField } from "./nameCompletion.js";
 import { el, replaceChildren } from "./dom.js";
 import { panels } from "./panels.js";
+import { onReplacedWorld } from "./replacedWorld.js";
 import { callOrToast } from "./toasts.js";
 
 const EXAMPLE_PROLOG = "storage_place_in_environment(Map, knowrob:'CowsMilk', Place),\narticulated_parts(Map, Place, State, Part)";
 const EXAMPLE_SPARQL = "SELECT ?thing ?class WHERE {\n  ?thing a ?class .\n  ?class rdfs:subClassOf* knowrob:Container\n} LIMIT 50";
 const DEFAULT_QUESTION = "storage_place_in_environment";
+const MAX_EARLIER = 20;
 
 class AskPanel {
   #questions = [];
@@ -19,10 +22,19 @@ class AskPanel {
   #form = el("div", { class: "ask-form" });
   #answers = el("div", { "aria-live": "polite", "aria-busy": "false", "data-role": "answers" });
   #modes = el("div", { class: "modes", role: "group", "aria-label": "Query language" });
+  #more = el("details", { class: "more" }, el("summary", { "data-role": "more-questions" }, "More: forms, SPARQL, Prolog"), this.#modes, this.#form);
+  #earlierList = el("ul", { class: "earlier", "data-role": "earlier-questions" });
+  #earlier = el("details", { hidden: true }, el("summary", {}, "Earlier questions"), this.#earlierList);
+  #sentence = this.#sentenceField();
 
   build(root) {
-    root.append(this.#modes, this.#form, this.#answers);
+    root.append(this.#sentence, this.#answers, this.#earlier, this.#more);
     replaceChildren(this.#modes, this.#modeButton("question", "Question"), this.#modeButton("sparql", "SPARQL"));
+    onReplacedWorld(() => {
+      this.#requests += 1; // an answer that is on its way is about the former world
+      replaceChildren(this.#answers);
+      this.#answers.setAttribute("aria-busy", "false");
+    });
     channel.on("connection", (connected) => connected && !this.#questions.length && this.#loadQuestions());
   }
 
@@ -43,6 +55,7 @@ class AskPanel {
 
   // Shows the form of a question.
   show(name) {
+    this.#more.open = true;
     this.#setMode("question");
     const menu = this.#form.querySelector("[data-role=question]");
     menu.value = name;
@@ -70,7 +83,7 @@ class AskPanel {
     const menu = el("select", { "aria-label": "Question", "data-role": "question", onchange: () => this.#showQuestion(menu.value, form) },
       this.#questions.map(({ name }) => el("option", { value: name, selected: name === first.name }, name.replaceAll("_", " "))));
     const form = el("form", { onsubmit: (event) => event.preventDefault() });
-    replaceChildren(this.#form, this.#sentenceField(), menu, form);
+    replaceChildren(this.#form, menu, form);
     this.#showQuestion(first.name, form);
   }
 
@@ -139,10 +152,20 @@ class AskPanel {
     });
   }
 
+  // Lists a question under the earlier ones, the last one first.
+  #remember(method, params) {
+    const text = params.query ?? params.line ?? [params.question.replaceAll("_", " "), ...Object.entries(params.args ?? {}).map(([name, value]) => `${name}=${value}`)].join(" ");
+    for (const item of [...this.#earlierList.children]) if (item.dataset.text === text) item.remove();
+    this.#earlierList.prepend(el("li", { "data-text": text }, el("button", { type: "button", class: "flat", onclick: () => this.#ask(method, params) }, text)));
+    while (this.#earlierList.children.length > MAX_EARLIER) this.#earlierList.lastChild.remove();
+    this.#earlier.hidden = false;
+  }
+
   // -- requests ----------------------------------------------------------------------------------------------------
 
   // Sends a question and shows its answers, unless another one was sent meanwhile.
   async #ask(method, params) {
+    this.#remember(method, params);
     const request = ++this.#requests;
     this.#answers.setAttribute("aria-busy", "true");
     const status = el("p", { class: "muted pending", role: "status" }, "Running the query…");
@@ -150,7 +173,9 @@ class AskPanel {
     const unsubscribe = method === "ask" ? this.#showPlace(status) : () => {};
     try {
       const answers = await channel.call(method, params);
-      if (request === this.#requests) replaceChildren(this.#answers, answerTable(answers, () => this.#ask(method, params)));
+      if (request !== this.#requests) return;
+      replaceChildren(this.#answers, answerTable(answers, () => this.#ask(method, params)));
+      if (method === "ask" && answers.ids.some(Boolean)) highlight(answers, { atOnce: true });
     } catch (error) {
       if (request === this.#requests) replaceChildren(this.#answers, el("p", { class: "error-text", role: "alert", "data-role": "error" }, error.message));
     } finally {

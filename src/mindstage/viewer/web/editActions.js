@@ -1,7 +1,7 @@
 // Edits of the selected bodies: delete, duplicate, copy, paste, hide and isolate, and the snapping of the gizmo.
 
+import { ask } from "./choiceDialog.js";
 import { channel } from "./rpcChannel.js";
-import { el } from "./dom.js";
 import { selection } from "./selection.js";
 import { callOrToast, toast } from "./toasts.js";
 
@@ -9,20 +9,6 @@ const STORED = "mindstage copied bodies"; // in localStorage, where the browser'
 const plural = (count, one, several) => `${count} ${count === 1 ? one : several}`;
 
 // -- deleting ------------------------------------------------------------------------------------------------------
-
-// Asks with buttons: [[value, text], ...]; Escape and "Cancel" are null.
-function ask(title, text, choices) {
-  return new Promise((resolve) => {
-    const button = ([value, label], index) => el("button", { type: "button", class: index === 0 ? "primary" : "", "data-choice": value, autofocus: index === 0, onclick: () => dialog.close(value) }, label);
-    const dialog = el("dialog", { class: "choice", "aria-labelledby": "choice-title", onclose: () => {
-      dialog.remove();
-      resolve(dialog.returnValue || null);
-    } }, el("h2", { id: "choice-title" }, title), el("p", {}, text),
-    el("div", { class: "choices" }, choices.map(button), el("button", { type: "button", "data-choice": "cancel", onclick: () => dialog.close("") }, "Cancel")));
-    document.body.append(dialog);
-    dialog.showModal();
-  });
-}
 
 // Deletes bodies; asks first if parts of them or things on or in them would be left behind.
 export async function deleteBodies(ids = selection.ids) {

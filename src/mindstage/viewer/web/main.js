@@ -9,6 +9,7 @@ import "./toasts.js";
 import "./toolbar.js";
 import "./viewMenu.js";
 import "./mapFiles.js";
+import "./autosave.js";
 import "./toolbarOverflow.js";
 import { outliner } from "./outliner.js";
 import { detailsPanel } from "./detailsPanel.js";

@@ -5,6 +5,7 @@ import { channel } from "./rpcChannel.js";
 import { debounce, el } from "./dom.js";
 import { icon } from "./icons.js";
 import { panels } from "./panels.js";
+import { onReplacedWorld } from "./replacedWorld.js";
 import { selection } from "./selection.js";
 import { callOrToast } from "./toasts.js";
 
@@ -12,12 +13,22 @@ const ROW_PX = matchMedia("(pointer: coarse)").matches ? 40 : 24;
 const OVERSCAN_ROWS = 8;
 const JOINT_LINK = 2; // ParentLink.JOINT in mindstage/viewer/inspector.py
 
+// Whether a node is another one, or below it.
+function isBelow(node, other) {
+  for (let at = node; at; at = at.parentNode) if (at === other) return true;
+  return false;
+}
+
 class Outliner {
+  #world = { classes: [], class_words: [], rows: [] };
+  #places = { holders: {}, rooms: {} };
   #nodes = [];
   #byId = new Map();
   #roots = [];
   #expanded = new Set();
   #hidden = new Set();
+  #rooms = new Set();
+  #bodies = 0;
   #rows = [];
   #filter = "";
   #cursor = null;
@@ -35,31 +46,69 @@ class Outliner {
     root.classList.add("outliner");
     root.append(this.#search, this.#count, this.#tree);
     new ResizeObserver(() => this.#render()).observe(this.#tree);
-    channel.on("scene_tree", (tree) => this.#setTree(tree));
+    channel.on("scene_tree", (tree) => {
+      this.#world = tree;
+      this.#build();
+    });
+    channel.on("places", (places) => {
+      this.#places = places;
+      this.#build();
+    });
     channel.on("visibility", ({ hidden }) => {
       this.#hidden = new Set(hidden);
       this.#render();
+    });
+    onReplacedWorld(() => {
+      this.#search.value = "";
+      this.#expanded.clear();
+      this.#applyFilter();
     });
     selection.onChange((id) => (id === this.#cursor && id ? this.#render() : this.#reveal(id)));
   }
 
   // -- the tree ----------------------------------------------------------------------------------------------------
 
-  #setTree({ classes, rows }) {
+  // A body is below what it is attached or joined to, else below what it is in or on; what is left, below its room.
+  #build() {
+    const { classes, class_words: words, rows } = this.#world;
+    const { holders, rooms } = this.#places;
     const collator = new Intl.Collator(undefined, { numeric: true });
     this.#nodes = rows.map(([id, label, cls, parent, link, joint, movable, encloses]) => {
       const className = classes[cls];
-      return { id, title: label || className || id, label, className, parent, link, joint, movable, encloses, children: [], searchText: `${id} ${label} ${className}`.toLowerCase() };
+      return { id, title: label || words[cls] || id, label, className, words: words[cls], parent, link, joint, movable, encloses, children: [], searchText: `${id} ${label} ${className} ${words[cls]}`.toLowerCase() };
     });
     this.#byId = new Map(this.#nodes.map((node) => [node.id, node]));
     this.#roots = [];
+    for (const node of this.#nodes) node.parentNode = this.#nodes[node.parent] ?? null;
     for (const node of this.#nodes) {
-      node.parentNode = this.#nodes[node.parent] ?? null;
+      const [holder, place] = (node.parentNode ? null : holders[node.id]) ?? [];
+      const parentNode = this.#byId.get(holder);
+      if (parentNode && !isBelow(parentNode, node)) Object.assign(node, { parentNode, place });
+    }
+    const roomNodes = new Map();
+    for (const node of this.#nodes) {
+      node.parentNode ??= this.#room(roomNodes, rooms[node.id]);
       (node.parentNode?.children ?? this.#roots).push(node);
     }
+    this.#roots.push(...roomNodes.values());
+    this.#bodies = this.#nodes.length;
+    this.#nodes.push(...roomNodes.values());
+    for (const node of roomNodes.values()) this.#byId.set(node.id, node);
     const order = (a, b) => collator.compare(a.title, b.title) || collator.compare(a.id, b.id);
     for (const list of [this.#roots, ...this.#nodes.map(({ children }) => children)]) list.sort(order);
     this.#updateRows();
+  }
+
+  // The node of a room, which is no body; null without one.
+  #room(nodes, name) {
+    if (!name) return null;
+    if (!nodes.has(name)) {
+      const id = `room ${name}`;
+      if (!this.#rooms.has(id)) this.#expanded.add(id); // open until somebody closes it
+      this.#rooms.add(id);
+      nodes.set(name, { id, title: name, isRoom: true, words: "room", children: [], parentNode: null, searchText: "" });
+    }
+    return nodes.get(name);
   }
 
   #applyFilter() {
@@ -81,7 +130,7 @@ class Outliner {
       if (words.length ? node.children.some((child) => shown.has(child)) : this.#expanded.has(node.id)) for (const child of node.children) add(child, level + 1);
     };
     for (const root of this.#roots) add(root, 1);
-    this.#count.textContent = words.length ? `${matches.size} of ${this.#nodes.length} found` : `${this.#nodes.length} bodies`;
+    this.#count.textContent = words.length ? `${matches.size} of ${this.#bodies} found` : `${this.#bodies} bodies`;
     this.#rowsBox.style.height = `${this.#rows.length * ROW_PX}px`;
     this.#render();
   }
@@ -109,22 +158,24 @@ class Outliner {
   }
 
   #row({ node, level, matches }, index) {
-    const { id, title, label, className, children, link, encloses } = node;
+    const { id, title, label, className, words, children, link, encloses, place, isRoom } = node;
     const expanded = this.#filter ? true : this.#expanded.has(id);
     const hidden = this.#hidden.has(id);
     const toggle = children.length
       ? el("button", { type: "button", class: "flat caret", tabindex: "-1", "aria-label": expanded ? "Collapse" : "Expand", onclick: (event) => this.#toggle(event, { id }) }, icon(expanded ? "chevronDown" : "chevronRight"))
       : el("span", { class: "caret" });
-    const eye = el("button", { type: "button", class: "flat eye", tabindex: "-1", "aria-pressed": String(hidden), "aria-label": hidden ? "Show" : "Hide", title: hidden ? "Show this body and its children" : "Hide this body and its children", "data-action": "toggle-visibility",
+    const eye = isRoom ? null : el("button", { type: "button", class: "flat eye", tabindex: "-1", "aria-pressed": String(hidden), "aria-label": hidden ? "Show" : "Hide", title: hidden ? "Show this body and its children" : "Hide this body and its children", "data-action": "toggle-visibility",
       onclick: (event) => this.#setVisible(event, this.#byId.get(id), hidden) }, icon(hidden ? "hidden" : "eye"));
     const row = el("div", { id: `row-${id}`, class: "tree-row", role: "treeitem", "data-id": id, "aria-level": level, "aria-selected": String(selection.has(id)), "aria-expanded": children.length ? String(expanded) : undefined,
-      onclick: (event) => this.#click(event, id) },
+      onclick: (event) => (isRoom ? this.#toggle(event, node) : this.#click(event, id)) },
       toggle,
       link === JOINT_LINK && el("span", { class: "joint-icon", title: `Joint: ${node.joint}`, role: "img", "aria-label": "connected by a joint" }, icon("joint")),
+      place && el("span", { class: "joint-icon", title: `${place} ${node.parentNode.title}`, role: "img", "aria-label": place }, icon(place === "in" ? "inside" : "onTop")),
+      isRoom && el("span", { class: "joint-icon", role: "img", "aria-label": "room" }, icon("room")),
       // The label or class is what a person recognizes, while ids are opaque in many maps: a narrow row cuts the id.
-      el("span", { class: "tree-name", title: `${className} ${id}` }, title),
-      label && className !== title && el("span", { class: "tree-class muted" }, className),
-      el("span", { class: "tree-id muted" }, [encloses && "outline", id !== title && id].filter(Boolean).join(" · ")), eye);
+      el("span", { class: "tree-name", title: isRoom ? title : `${className} ${id}` }, title),
+      label && words !== title && el("span", { class: "tree-class muted" }, words),
+      el("span", { class: "tree-id muted" }, [encloses && "outline", !isRoom && id !== title && id].filter(Boolean).join(" · ")), eye);
     row.classList.toggle("ancestor-only", Boolean(this.#filter) && !matches);
     row.classList.toggle("hidden-body", hidden);
     row.classList.toggle("active", this.#cursor === id);
@@ -164,7 +215,7 @@ class Outliner {
     const ids = [];
     const collect = ({ id, children }) => {
       ids.push(id);
-      children.forEach(collect);
+      children.filter(({ place }) => !place).forEach(collect); // its parts, not what lies in or on it
     };
     collect(node);
     callOrToast("set_visible", { ids, shown });
@@ -207,7 +258,7 @@ class Outliner {
     const page = Math.max(1, Math.floor(this.#tree.clientHeight / ROW_PX) - 1);
     const steps = { ArrowDown: 1, ArrowUp: -1, PageDown: page, PageUp: -page, Home: -Infinity, End: Infinity };
     if (event.key in steps) this.#goTo(Math.min(this.#rows.length - 1, Math.max(0, at + steps[event.key])));
-    else if (event.key === "Enter" && row) selection.select(row.node.id, { focus: true });
+    else if (event.key === "Enter" && row && !row.node.isRoom) selection.select(row.node.id, { focus: true });
     else if (event.key === "ArrowRight" && row?.node.children.length && !this.#expanded.has(row.node.id)) this.#toggle(event, row.node);
     else if (event.key === "ArrowLeft" && row && this.#expanded.has(row.node.id)) this.#toggle(event, row.node);
     else if (event.key === "ArrowLeft" && row?.node.parentNode) this.#select(row.node.parentNode.id);
@@ -216,12 +267,16 @@ class Outliner {
   }
 
   #goTo(index) {
-    if (this.#rows[index]) this.#select(this.#rows[index].node.id);
+    const node = this.#rows[index]?.node;
+    if (node?.isRoom) {
+      this.#cursor = node.id;
+      this.#render();
+    } else if (node) this.#select(node.id);
   }
 
   // For tests and the browser's console.
   get state() {
-    return { filter: this.#filter, bodies: this.#nodes.length, rows: this.#rows.map(({ node }) => node.id), rendered: this.#rowsBox.children.length };
+    return { filter: this.#filter, bodies: this.#bodies, rows: this.#rows.map(({ node }) => node.id), rendered: this.#rowsBox.children.length };
   }
 }
 

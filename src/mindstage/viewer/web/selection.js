@@ -3,6 +3,7 @@
 
 import { channel } from "./rpcChannel.js";
 import { el } from "./dom.js";
+import { onReplacedWorld } from "./replacedWorld.js";
 import { toast } from "./toasts.js";
 
 class Selection {
@@ -12,6 +13,7 @@ class Selection {
   constructor() {
     // Sent by the server when the selection was changed by a program, or when a selected body was deleted.
     channel.on("selected", (ids) => this.#set(ids));
+    onReplacedWorld(() => this.#set([]));
     channel.on("connection", (connected) => {
       if (connected && this.id) this.#send().catch(() => this.#set([]));
     });

@@ -12,6 +12,7 @@ const MAX_IDS = 6;
 
 class StatusPanel {
   #statistics = el("dl", { class: "statistics", "data-role": "statistics" });
+  #window = el("p", { class: "muted" });
   #clients = el("ul", { class: "clients", "data-role": "clients" });
   #filters = el("div", { class: "filters", role: "group", "aria-label": "Groups of entries" });
   #search = el("input", { type: "search", placeholder: "Search the report", "aria-label": "Search the report", oninput: debounce(() => this.#showEntries()) });
@@ -25,8 +26,11 @@ class StatusPanel {
   build(root) {
     root.append(
       el("h2", {}, "Engine"), this.#statistics,
-      el("h2", {}, "Connected clients"), this.#clients,
+      el("h2", {}, "Connected clients"), this.#window, this.#clients,
       el("h2", {}, "Map report"), this.#filters, this.#search, this.#entries);
+    channel.on("window", (name) => {
+      this.#window.textContent = `Others see this page as “${name}”.`;
+    });
     channel.on("status", (status) => this.#show(status));
   }
 

@@ -38,10 +38,9 @@ const STEPS = [
   },
   {
     title: "Ask where milk is kept",
-    text: () => "Open Ask, type “where is milk kept?” and press Ask. The answer is a body: click it, or highlight it.",
+    text: () => "Open Ask, type “where is milk kept?” and press Ask. The answer is a sentence, and its body is highlighted.",
     show: () => {
       panels.show("ask");
-      document.querySelector("#panel-ask [data-mode=question]")?.click();
       return fill("[data-role=sentence]", "where is milk kept?");
     },
     asked: (method, params, result) => method.startsWith("ask") && result?.total > 0 && FOOD.test(JSON.stringify(params)),
