@@ -21,13 +21,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import Enum
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice, product
 from types import MappingProxyType
 from typing import Any
 
 from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
-from mindstage.knowledge.names import EntityType, NameQuality, name_words
+from mindstage.knowledge.grammar import IGNORED_WORDS, OPERATORS, PAST_WORDS, parse_sentence, sentence_words
+from mindstage.knowledge.names import EntityType, NameQuality, Noun, name_words
 from mindstage.knowledge.questions import (
     Question,
     QuestionArgument,
@@ -44,6 +45,8 @@ __all__ = [
     "MAX_LENGTH",
     "SentencePattern",
     "Understanding",
+    "find_noun",
+    "is_only_map",
     "is_sentence",
     "questions_with_words",
     "resolve_question",
@@ -53,6 +56,8 @@ __all__ = [
 
 MAX_LENGTH = 1000
 """The maximum number of characters of a sentence."""
+_WORDED = "in_words"
+"""The question that the grammar asks."""
 _MAX_WORDS = 60
 _MAX_NAME_WORDS = 12
 _MAX_STEPS = 200_000
@@ -84,10 +89,9 @@ _SAME_WORDS = {
 }
 """Words that templates and sentences may exchange, after the plural was removed."""
 _CONTRACTIONS = {f"{word}'s": word for word in ("where", "what", "which", "who", "there", "how")}
-_FILLERS = frozenset({"please", "currently", "now", "hello", "hey", "thanks"})
 _CLOSINGS = (("right", "now"), ("at", "the", "moment"), ("at", "present"), ("today",), ("right", "this", "moment"))
 """Words at the end of a sentence that mean the present, in which all questions are asked."""
-_DROPPED = frozenset(["the", "a", "an", "any", "some", "all", "every", "each", "my", "our", "your", "these", "those"])
+_DROPPED = frozenset(["the", "a", "an", "some", "my", "our", "your", "these", "those"])
 _OPENINGS = tuple(
     tuple(words.split())
     for words in ("can you tell me", "can you say", "tell me", "do you know", "i want to know", "i would like to know")
@@ -138,9 +142,11 @@ class Understanding:
     """Names as IRIs; numbers in the unit of the argument."""
     names: tuple[str, ...] = ()
     """What each name refers to that was not given exactly."""
+    reading: str = ""
+    """The sentence as the grammar understood it, which is understood in the same way; empty for a declared wording."""
 
     def __str__(self) -> str:
-        return _call_text(self.question, self.args)
+        return self.reading or _call_text(self.question, self.args)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -255,6 +261,11 @@ def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None
     """
     tokens = _checked_tokens(sentence)
     with kb.lock:
+        worded = parse_sentence(sentence, partial(find_noun, kb, find_body), partial(is_only_map, kb))
+        if len(worded) == 1:
+            return Understanding(sentence, get_question(_WORDED), {"text": sentence}, (), str(worded[0]))
+        if worded:
+            raise AmbiguousSentenceError(sentence, candidates=tuple(map(str, worded)))
         matcher = _Matcher(kb, sentence, tokens, find_body)
         readings = list(matcher.readings())
         if not readings:
@@ -428,7 +439,7 @@ def _tokens(sentence: str) -> list[_Token]:
     for closing in _CLOSINGS:
         if tuple(token.word for token in tokens[-len(closing) :]) == closing:
             tokens = tokens[: -len(closing)]
-    kept = [each for each in tokens if each.word not in _FILLERS]
+    kept = [each for each in tokens if each.word not in IGNORED_WORDS]
     return [each for at, each in enumerate(kept) if each.word not in _DROPPED or at == len(kept) - 1]
 
 
@@ -535,10 +546,15 @@ class _Matcher:
 
     def _possible_patterns(self) -> Iterator[tuple[Question[Any], SentencePattern]]:
         present = {*self._words}
+        said = {*sentence_words(self._sentence)}
         for question in questions_with_words(present):
+            if said & PAST_WORDS and not question.about_past:
+                continue
             for pattern in sentence_patterns(question):
                 if pattern.words <= present and len(pattern.items) <= len(self._words):
-                    yield question, pattern
+                    shown = {word for item in pattern.shown if isinstance(item, str) for word in sentence_words(item)}
+                    if said & OPERATORS <= shown:
+                        yield question, pattern
 
     def _matches(
         self, items: tuple[str | Slot, ...], at: int, start: int, *, known_only: bool
@@ -614,6 +630,22 @@ class _Matcher:
                 yield _Candidate(number if value_type is float else int(number))
         elif value_type is str:
             yield _Candidate(text)
+
+
+def is_only_map(kb: QuestionContext, text: str) -> bool:
+    """Whether a noun names the only map, and nothing in it."""
+    maps = kb.maps()
+    noun = kb.names.noun(text)
+    is_thing = noun is not None and (noun.individuals or noun.members)
+    return len(maps) == 1 and not is_thing and [each.iri for each in kb.names.things(text, EntityType.MAP)] == [*maps]
+
+
+def find_noun(kb: QuestionContext, find_body: FindBody | None, text: str) -> Noun | None:
+    """What a noun stands for, also a body that was spawned without a map."""
+    found = kb.names.noun(text)
+    if found is None and find_body is not None and (body := find_body(text)) is not None:
+        return Noun((body,), ())
+    return found
 
 
 def _call_text(question: Question[Any], args: Mapping[str, object], *, full: bool = False) -> str:

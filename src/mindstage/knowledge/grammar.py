@@ -1,0 +1,943 @@
+"""A small English grammar of questions: "are all drawers closed?" as operators over sets of individuals.
+
+    question  := is PHRASE PREDICATE? | is there PHRASE | do we have PHRASE | which PHRASE PREDICATE | what PREDICATE
+               | how many PHRASE PREDICATE | where is PHRASE | how heavy is PHRASE | list PHRASE | …
+    phrase    := [quantifier] [article] [state] noun (place | that is PREDICATE | with PHRASE)*, joined by and, or
+    predicate := [not] (on | in | under | … PHRASE | open | closed | a noun | heavier than PHRASE | …), joined by and, or
+
+A noun is looked up in `NameIndex.noun`: it stands for one individual, or for the individuals of classes. Nothing is
+evaluated here; `mindstage.knowledge.queries.worded` does that. Every word of a sentence must be used: apart from those
+in `IGNORED_WORDS`, which can change no answer, a word that is not covered makes the sentence not understood.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from mindstage.knowledge.names import Noun, is_plural
+from mindstage.scene import Iri
+
+__all__ = [
+    "IGNORED_WORDS",
+    "OPERATORS",
+    "PAST_WORDS",
+    "Comparison",
+    "Between",
+    "Form",
+    "Has",
+    "Joined",
+    "KindOf",
+    "Measure",
+    "MeasuredBy",
+    "Negated",
+    "Opened",
+    "PartOf",
+    "Phrase",
+    "Predicate",
+    "Quantifier",
+    "Related",
+    "Stated",
+    "Supports",
+    "WordedQuestion",
+    "parse_sentence",
+    "sentence_words",
+    "the_number",
+]
+
+IGNORED_WORDS = frozenset(
+    ("please", "now", "currently", "still", "just", "hello", "hey", "thanks", "also", "really", "actually",
+     "here", "own", "exactly", "kindly", "well", "ok", "okay", "so")
+)  # fmt: skip
+"""Words that change no answer. None is a quantifier, negation, number, comparison, tense or preposition."""
+PAST_WORDS = frozenset(("was", "were", "did", "had", "been", "will", "yesterday", "ago", "earlier", "before", "tomorrow"))
+"""Words of another time than the present, which only questions about recordings have."""
+OPERATORS = frozenset(
+    ("all", "every", "each", "any", "none", "no", "not", "both", "either", "neither", "never", "only", "except", "without",
+     "more", "less", "fewer", "most", "least", "nothing", "anything", "something", "everything", "or")
+)  # fmt: skip
+"""Words that change an answer, and that the declared wordings of questions may not leave out."""
+_OPENINGS = (
+    "can you tell me if", "could you tell me if", "tell me if", "do you know if", "can you tell me whether",
+    "can you tell me", "could you tell me", "can you say", "tell me", "do you know", "i want to know",
+    "i would like to know", "show me", "can you show me", "can you",
+)  # fmt: skip
+_CONTRACTIONS = {
+    "what's": "what is", "where's": "where is", "who's": "who is", "which's": "which is", "there's": "there is",
+    "how's": "how is", "isn't": "is not", "aren't": "are not", "don't": "do not", "doesn't": "does not",
+    "can't": "can not", "cannot": "can not", "won't": "will not", "wasn't": "was not", "weren't": "were not",
+    "didn't": "did not", "whats": "what is", "wheres": "where is", "haven't": "have not", "hasn't": "has not",
+}  # fmt: skip
+_ARTICLES = frozenset(("the", "a", "an", "my", "our", "your", "this", "that", "these", "those", "some", "its"))
+_GENERAL = frozenset(("thing", "things", "object", "objects", "item", "items", "stuff"))
+_PRONOUNS = {"something": "some", "anything": "some", "everything": "all", "nothing": "no"}
+_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+_RELATIONS = {
+    "on": ("on top of", "on", "upon"),
+    "inside": ("inside of", "inside", "within", "in"),
+    "above": ("above", "over"),
+    "below": ("underneath", "beneath", "below", "under"),
+    "next_to": ("next to", "beside", "near", "by", "close to"),
+}
+_POSTURES = ("standing", "lying", "sitting", "placed", "located", "stored", "kept")
+_VERBS = ("stands", "stand", "lies", "lie", "sits", "sit", "hangs", "hang")
+_CONTAIN = ("contains", "contain", "holds", "hold")
+_STATED = ("clean", "dirty", "on", "off", "full", "empty", "hot", "cold", "warm", "broken")
+_MAX_NOUN_WORDS = 6
+_NEVER_IN_NOUNS = (
+    _ARTICLES | OPERATORS | {*_PRONOUNS, *_CONTAIN, *_VERBS, *_POSTURES}
+    | {word for texts in _RELATIONS.values() for text in texts for word in text.split() if word not in {"top", "of", "close"}}
+    | {"and", "or", "is", "are", "which", "who", "with", "have", "has", "do", "does", "than", "as", "from", "between", "how",
+       "what", "where", "there", "to"}
+)  # fmt: skip
+"""Words that end a noun."""
+
+
+class Measure(StrEnum):
+    """What individuals are measured by."""
+
+    MASS = "mass"
+    HEIGHT = "height"
+    WIDTH = "width"
+    DEPTH = "depth"
+    LENGTH = "length"
+    VOLUME = "volume"
+    OPENNESS = "openness"
+
+    @property
+    def unit(self) -> str:
+        """The unit of its values."""
+        return {"mass": "kg", "volume": "m³", "openness": ""}.get(self.value, "m")
+
+
+_ADJECTIVES = {
+    "heavy": (Measure.MASS, 1), "light": (Measure.MASS, -1), "tall": (Measure.HEIGHT, 1), "high": (Measure.HEIGHT, 1),
+    "short": (Measure.HEIGHT, -1), "low": (Measure.HEIGHT, -1), "wide": (Measure.WIDTH, 1),
+    "narrow": (Measure.WIDTH, -1), "deep": (Measure.DEPTH, 1), "long": (Measure.LENGTH, 1),
+    "large": (Measure.VOLUME, 1), "big": (Measure.VOLUME, 1), "small": (Measure.VOLUME, -1),
+}  # fmt: skip
+_MEASURE_NOUNS = {"weight": "mass", "mass": "mass", "height": "height", "width": "width", "depth": "depth",
+                  "length": "length", "volume": "volume"}  # fmt: skip
+_UNITS = {"kg": 1.0, "kilogram": 1.0, "kilograms": 1.0, "kilo": 1.0, "kilos": 1.0, "g": 0.001, "gram": 0.001,
+          "grams": 0.001, "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "cm": 0.01,
+          "centimeters": 0.01, "centimeter": 0.01, "mm": 0.001}  # fmt: skip
+_MASS_UNITS = frozenset(("kg", "kilogram", "kilograms", "kilo", "kilos", "g", "gram", "grams"))
+
+
+def _inflected(adjective: str, ending: str) -> str:
+    """The comparative ("er") or superlative ("est") of an adjective."""
+    stem = adjective[:-1] + "i" if adjective.endswith("y") else adjective.removesuffix("e")
+    return (stem + stem[-1] if adjective in {"big"} else stem) + ending
+
+
+_COMPARATIVES = {_inflected(each, "er"): each for each in _ADJECTIVES}
+_SUPERLATIVES = {_inflected(each, "est"): each for each in _ADJECTIVES}
+
+
+class Form(StrEnum):
+    """What a question asks for."""
+
+    TRUTH = "truth"
+    WHICH = "which"
+    COUNT = "count"
+    WHERE = "where"
+    MEASURE = "measure"
+    EXTREME = "extreme"
+    NEAREST = "nearest"
+    DISTANCE = "distance"
+    MORE = "more"
+
+
+@dataclass(frozen=True, slots=True)
+class Quantifier:
+    """How many of a set a predicate must hold for."""
+
+    word: str
+    """the, a, all, some, no, both, or "at least", "at most", "more than", "fewer than", "exactly" with a number."""
+    number: int | None = None
+
+    def __str__(self) -> str:
+        return self.word if self.number is None else f"{self.word} {self.number}"
+
+
+@dataclass(frozen=True, slots=True)
+class Phrase:
+    """A noun phrase: a set of individuals, of which a predicate holds for as many as the quantifier says."""
+
+    text: str
+    """The noun as it is shown; empty for things of any kind."""
+    members: tuple[Iri, ...] | None
+    """The individuals that the noun stands for; None for all."""
+    quantifier: Quantifier
+    plural: bool = False
+    restrictions: tuple[Predicate, ...] = ()
+    parts: tuple[Phrase, ...] = ()
+    """The phrases that are joined; the other fields are then empty."""
+    operator: str = ""
+
+    def __str__(self) -> str:
+        if self.parts:
+            return f" {self.operator} ".join(map(str, self.parts))
+        noun = self.text or ("things" if self.plural else "thing")
+        described = " ".join([noun, *(f"that {'are' if self.plural else 'is'} {each}" for each in self.restrictions)])
+        return described if not self.quantifier.word else f"{self.quantifier} {described}"
+
+
+@dataclass(frozen=True, slots=True)
+class Related:
+    """A spatial relation to things."""
+
+    relation: str
+    other: Phrase
+
+    def __str__(self) -> str:
+        return f"{'in' if self.relation == 'inside' else self.relation.replace('_', ' ')} {self.other}"
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """Being open or closed."""
+
+    state: str
+
+    def __str__(self) -> str:
+        return self.state
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """A state that must be asserted, such as clean."""
+
+    state: str
+
+    def __str__(self) -> str:
+        return self.state
+
+
+@dataclass(frozen=True, slots=True)
+class KindOf:
+    """Being one of the individuals that a noun stands for."""
+
+    kind: Phrase
+
+    def __str__(self) -> str:
+        return str(self.kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Has:
+    """Containing things, or having them as parts."""
+
+    other: Phrase
+    inside: bool
+
+    def __str__(self) -> str:
+        return f"{'containing' if self.inside else 'having'} {self.other}"
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Being more, less or as much by a measure than things or a number."""
+
+    measure: Measure
+    sign: int
+    """1 for more, -1 for less, 0 for as much."""
+    other: Phrase | None = None
+    number: float | None = None
+    adjective: str = ""
+
+    def __str__(self) -> str:
+        than = str(self.other) if self.other else f"{self.number:g} {self.measure.unit}"
+        return f"as {self.adjective} as {than}" if self.sign == 0 else f"{_inflected(self.adjective, 'er')} than {than}"
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredBy:
+    """The order of a superlative or of a measure."""
+
+    measure: Measure
+    sign: int = 1
+    adjective: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Between:
+    """Being between two things."""
+
+    one: Phrase
+    other: Phrase
+
+    def __str__(self) -> str:
+        return f"between {self.one} and {self.other}"
+
+
+@dataclass(frozen=True, slots=True)
+class PartOf:
+    """Being a part of a whole, at any depth."""
+
+    whole: Phrase
+
+    def __str__(self) -> str:
+        return f"part of {self.whole}"
+
+
+@dataclass(frozen=True, slots=True)
+class Supports:
+    """Having things in a spatial relation to it."""
+
+    relation: str
+    other: Phrase
+
+    def __str__(self) -> str:
+        return f"with {self.other} {self.relation.replace('_', ' ')} it"
+
+
+@dataclass(frozen=True, slots=True)
+class Negated:
+    """The opposite of a predicate."""
+
+    inner: Predicate
+
+    def __str__(self) -> str:
+        return f"not {self.inner}"
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """Predicates joined by and, or."""
+
+    parts: tuple[Predicate, ...]
+    operator: str
+
+    def __str__(self) -> str:
+        return f" {self.operator} ".join(map(str, self.parts))
+
+
+Predicate = Related | Opened | Stated | KindOf | Has | Comparison | Between | PartOf | Supports | Negated | Joined
+
+
+@dataclass(frozen=True, slots=True)
+class WordedQuestion:
+    """A question as it was understood."""
+
+    form: Form
+    subject: Phrase
+    predicate: Predicate | None = None
+    order: MeasuredBy | None = None
+    other: Phrase | None = None
+    clauses: tuple[WordedQuestion, ...] = ()
+    """Questions for a yes or no that are joined; the other fields then say nothing."""
+    operator: str = ""
+
+    def __str__(self) -> str:
+        """The question as a sentence, which is understood as the same question."""
+        if self.clauses:
+            return f" {self.operator} ".join(str(each).rstrip("?") for each in self.clauses) + "?"
+        subject, plural = self.subject, self.subject.plural or self.subject.operator == "and"
+        be = "are" if plural else "is"
+        rest = f" {self.predicate}" if self.predicate else ""
+        match self.form:
+            case Form.TRUTH:
+                return f"{be} {subject}{rest}?" if self.predicate else f"{be} there {subject}?"
+            case Form.WHICH:
+                return f"which {subject} {be}{rest}?" if self.predicate else f"list {subject}."
+            case Form.COUNT:
+                return f"how many {subject} are{rest or ' there'}?"
+            case Form.WHERE:
+                return f"where {be} {subject}?"
+            case Form.MEASURE if self.order:
+                return f"how {self.order.adjective} {be} {subject}?"
+            case Form.EXTREME if self.order:
+                return f"which {subject} is the {_inflected(self.order.adjective, 'est')}?"
+            case Form.NEAREST:
+                return f"which {subject} is the nearest to {self.other}?"
+            case Form.DISTANCE:
+                return f"how far is {subject} from {self.other}?"
+            case _:
+                return f"are there more {subject} than {self.other}?"
+
+
+FindNoun = Callable[[str], Noun | None]
+
+
+class _NoReading(Exception):  # noqa: N818 - a branch of the parser, not an error
+    """The words from here are no phrase of this kind."""
+
+
+def sentence_words(sentence: str) -> list[str]:
+    """The words of a sentence in lower case, without politeness and punctuation; contractions are whole words."""
+    plain = re.sub(r"[\u2018\u2019]", "'", sentence.strip()).lower()
+    chunks = [chunk.strip("\"`\u201c\u201d«»\u201e.,;:!?()[]…") for chunk in plain.split()]
+    text = " ".join(_CONTRACTIONS.get(chunk, chunk) for chunk in chunks if chunk)
+    for opening in _OPENINGS:
+        if text.startswith(f"{opening} "):
+            text = text.removeprefix(f"{opening} ")
+            break
+    for closing in (" right now", " at the moment", " at present", " today", " if you please"):
+        text = text.removesuffix(closing)
+    return [word for word in text.split() if word not in IGNORED_WORDS]
+
+
+def the_number(text: str) -> float | None:
+    """A number in digits or as a word up to twelve; None for anything else."""
+    if text in _NUMBERS:
+        return float(_NUMBERS.index(text))
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def parse_sentence(
+    sentence: str, find_noun: FindNoun, is_map: Callable[[str], bool] = lambda text: False
+) -> list[WordedQuestion]:
+    """All different readings of a sentence as a question; none if the grammar does not cover it.
+
+    Args:
+        sentence: what was asked.
+        find_noun: what the words of a noun stand for.
+        is_map: whether a noun names the only map, in which everything is.
+    """
+    words = sentence_words(sentence)
+    if not words or PAST_WORDS & {*words}:
+        return []
+    if words[-3:-1] in (["in", "the"], ["in", "this"], ["in", "our"], ["in", "my"]) and is_map(words[-1]):
+        words = words[:-3]
+    parser = _Parser(words, find_noun)
+    return list(dict.fromkeys(parser.questions()))
+
+
+@dataclass
+class _Parser:
+    """Recursive descent without a grammar file: each method returns what it read and the place after it."""
+
+    words: Sequence[str]
+    find_noun: FindNoun
+    found: dict[str, Noun | None] = field(default_factory=dict)
+
+    def questions(self) -> Iterator[WordedQuestion]:
+        for rule in (
+            self._there_is, self._truth, self._have, self._has, self._count, self._where, self._measure, self._distance,
+            self._extreme, self._nearest, self._what, self._which, self._which_place, self._list, self._fragment,
+        ):  # fmt: skip
+            try:
+                question, end = rule()
+            except _NoReading:
+                continue
+            if end == len(self.words):
+                yield question
+
+    # -- questions -----------------------------------------------------------------------------------------------------
+
+    def _there_is(self) -> tuple[WordedQuestion, int]:
+        at = self._any(("is there", "are there"), 0)
+        if self._is(("more",), at) and not self._is(("more than",), at):
+            return self._more(at + 1)
+        subject, at = self._phrase(at)
+        predicate, at = self._optional_predicate(at)
+        subject = self._indefinite(subject)
+        return WordedQuestion(Form.TRUTH, subject, predicate), at
+
+    def _more(self, at: int) -> tuple[WordedQuestion, int]:
+        one, at = self._phrase(at, joined=False)
+        place, at = self._optional_predicate(at)
+        at = self._any(("than",), at)
+        self._skip(("there are",), at)
+        other, at = self._phrase(at, joined=False)
+        if place is None:
+            place, at = self._optional_predicate(at)
+        if place is not None:
+            one = replace(one, restrictions=(*one.restrictions, place))
+            other = replace(other, restrictions=(*other.restrictions, place))
+        return WordedQuestion(Form.MORE, one, other=other), at
+
+    def _truth(self) -> tuple[WordedQuestion, int]:
+        at = self._any(("is", "are"), 0)
+        is_denied = self._is(("not",), at)
+        subject, at = self._phrase(at + is_denied)
+        predicate, at = self._predicate(at)
+        question = WordedQuestion(Form.TRUTH, subject, predicate)
+        while self._is(("and", "or"), at) and question.operator in {"", self.words[at]}:
+            operator = self.words[at]
+            subject, at = self._phrase(self._skip(("is", "are"), at + 1))
+            predicate, at = self._predicate(at)
+            clauses = (*(question.clauses or (question,)), WordedQuestion(Form.TRUTH, subject, predicate))
+            question = WordedQuestion(Form.TRUTH, subject, clauses=clauses, operator=operator)
+        return question, at
+
+    def _have(self) -> tuple[WordedQuestion, int]:
+        at = self._any(
+            ("do we have", "do you have", "do i have", "have we got", "have you got", "does this kitchen have",
+             "does the kitchen have", "have we", "does it have"), 0)  # fmt: skip
+        subject, at = self._phrase(at)
+        predicate, at = self._optional_predicate(at)
+        at = self._skip(("left",), at)
+        return WordedQuestion(Form.TRUTH, self._indefinite(subject), predicate), at
+
+    def _has(self) -> tuple[WordedQuestion, int]:
+        at = self._any(("does", "do"), 0)
+        subject, at = self._phrase(at)
+        verb, at = self._verb(at, (*_CONTAIN, "have"))
+        other, at = self._phrase(at)
+        return WordedQuestion(Form.TRUTH, subject, Has(self._indefinite(other), verb != "have")), at
+
+    def _count(self) -> tuple[WordedQuestion, int]:
+        at = self._any(("how many", "number of", "what is the number of", "count the", "count"), 0)
+        subject, at = self._phrase(at, joined=True)
+        for ending in ("are there", "is there", "do we have", "do you have", "do i have", "do we", "are in the kitchen",
+                       "does this kitchen have", "does the kitchen have", "in the kitchen", "stand in the kitchen",
+                       "there are", "exist"):  # fmt: skip
+            if self._is((ending,), at):
+                after = at + len(ending.split())
+                predicate, after = self._optional_predicate(after)
+                return WordedQuestion(Form.COUNT, self._bare(subject), predicate), after
+        if self._is(("does", "do"), at):
+            whole, at = self._phrase(at + 1)
+            verb, at = self._verb(at, (*_CONTAIN, "have"))
+            if verb == "have":
+                return WordedQuestion(Form.COUNT, self._bare(subject), PartOf(whole)), at
+            return WordedQuestion(Form.COUNT, self._bare(subject), Related("inside", whole)), at
+        at = self._skip(("are", "is"), at)
+        predicate, at = self._optional_predicate(at)
+        return WordedQuestion(Form.COUNT, self._bare(subject), predicate), at
+
+    def _where(self) -> tuple[WordedQuestion, int]:
+        for opening in ("where is", "where are", "where can i find", "where do i find", "where can we find", "locate",
+                        "find"):  # fmt: skip
+            if self._is((opening,), 0):
+                subject, at = self._phrase(len(opening.split()))
+                return WordedQuestion(Form.WHERE, subject), self._skip(_POSTURES[:4], at)
+        subject, at = self._phrase(self._any(("where",), 0))
+        return WordedQuestion(Form.WHERE, subject), self._any(("is", "are"), at)
+
+    def _which_place(self) -> tuple[WordedQuestion, int]:
+        """In which drawer are the mugs?"""
+        relation, at = self._relation(0)
+        at = self._any(("which", "what"), at)
+        place, at = self._phrase(at, joined=False)
+        at = self._any(("is", "are", "do i find", "can i find"), at)
+        subject, at = self._phrase(at)
+        if relation != "inside":
+            return WordedQuestion(Form.WHICH, self._bare(place), Supports(relation, self._existential(subject))), at
+        return WordedQuestion(Form.WHICH, self._bare(place), Has(self._existential(subject), inside=True)), at
+
+    def _measure(self) -> tuple[WordedQuestion, int]:
+        if self._is(("how",), 0):
+            if self._is(("how much does", "how much do"), 0):
+                subject, at = self._phrase(3)
+                return WordedQuestion(Form.MEASURE, subject, None, MeasuredBy(Measure.MASS, 1, "heavy")), self._any(
+                    ("weigh",), at
+                )
+            at = 1
+            if self._is(("wide open", "far open", "open"), at):
+                at = self._any(("wide open", "far open", "open"), at)
+                order = MeasuredBy(Measure.OPENNESS, 1, "open")
+            else:
+                adjective = self._word(at, _ADJECTIVES)
+                order, at = MeasuredBy(_ADJECTIVES[adjective][0], 1, adjective), at + 1
+            subject, at = self._phrase(self._any(("is", "are"), at))
+            return WordedQuestion(Form.MEASURE, subject, None, order), at
+        if self._is(("what does", "what do"), 0):
+            subject, at = self._phrase(2)
+            return WordedQuestion(Form.MEASURE, subject, None, MeasuredBy(Measure.MASS, 1, "heavy")), self._any(
+                ("weigh",), at
+            )
+        at = self._any(("what is the",), 0)
+        measure = Measure(_MEASURE_NOUNS[self._word(at, _MEASURE_NOUNS)])
+        subject, at = self._phrase(self._any(("of",), at + 1))
+        adjective = next(each for each, (of, sign) in _ADJECTIVES.items() if of is measure and sign > 0)
+        return WordedQuestion(Form.MEASURE, subject, None, MeasuredBy(measure, 1, adjective)), at
+
+    def _distance(self) -> tuple[WordedQuestion, int]:
+        if self._is(("how far apart are", "what is the distance between"), 0):
+            at = self._any(("how far apart are", "what is the distance between"), 0)
+            one, at = self._phrase(at, joined=False)
+            other, at = self._phrase(self._any(("and",), at), joined=False)
+            return WordedQuestion(Form.DISTANCE, one, other=other), at
+        at = self._any(("how far away is", "how far is", "how far are", "what is the distance from", "how close is"), 0)
+        is_reversed = self._is(("it from",), at)
+        one, at = self._phrase(at + 2 * is_reversed, joined=False)
+        at = self._any(("to",) if is_reversed else ("away from", "from", "to"), at)
+        other, at = self._phrase(at, joined=False)
+        return WordedQuestion(Form.DISTANCE, one, other=other), at
+
+    def _extreme(self) -> tuple[WordedQuestion, int]:
+        at = self._any(("what", "which"), 0)
+        if not self._is(("is", "are"), at):  # which knife is the longest
+            subject, at = self._phrase(at)
+            at = self._skip(("the",), self._any(("is", "are"), at))
+            adjective = _SUPERLATIVES[self._word(at, _SUPERLATIVES)]
+            subject, at = self._bare(subject), at + 1
+        else:
+            at = self._skip(("the",), at + 1)
+            adjective = _SUPERLATIVES[self._word(at, _SUPERLATIVES)]
+            subject, at = self._phrase(at + 1)
+        measure, sign = _ADJECTIVES[adjective]
+        return WordedQuestion(Form.EXTREME, self._bare(subject), None, MeasuredBy(measure, sign, adjective)), at
+
+    def _nearest(self) -> tuple[WordedQuestion, int]:
+        near = ("nearest", "closest")
+        at = self._any(("what", "which", "where"), 0)
+        if self._is(("is the", "are the"), at):
+            self._word(at + 2, near)
+            subject, at = self._phrase(at + 3)
+        else:
+            subject, at = self._phrase(at)
+            at = self._skip(("the",), self._any(("is", "are"), at))
+            self._word(at, near)
+            at += 1
+        other, at = self._phrase(self._any(("to", "from"), at), joined=False)
+        return WordedQuestion(Form.NEAREST, self._bare(subject), other=other), at
+
+    def _what(self) -> tuple[WordedQuestion, int]:
+        things = Phrase("", None, Quantifier(""), plural=True)
+        if self._is(("what does", "what do"), 0) and not self._is(("what do we", "what do you", "what do i"), 0):
+            whole, at = self._phrase(2)
+            _, at = self._verb(at, _CONTAIN)
+            return WordedQuestion(Form.WHICH, things, Related("inside", whole)), at
+        for opening in ("what do we have", "what do you have", "what can i find", "what is there", "what do i find",
+                        "what is", "what are"):  # fmt: skip
+            if self._is((opening,), 0):
+                predicate, at = self._predicate(len(opening.split()), kinds=False)
+                return WordedQuestion(Form.WHICH, things, predicate), at
+        at = self._any(("what",), 0)
+        predicate, at = self._verbal(at)
+        return WordedQuestion(Form.WHICH, things, predicate), at
+
+    def _which(self) -> tuple[WordedQuestion, int]:
+        at = self._any(("which of", "which", "what"), 0)
+        subject, at = self._phrase(at)
+        subject = self._bare(subject)
+        for ending in ("are there", "is there", "do we have", "do you have", "does the kitchen have", "exist"):
+            if self._is((ending,), at) and at + len(ending.split()) == len(self.words):
+                return WordedQuestion(Form.WHICH, subject), len(self.words)
+        if self._is(("belongs to", "belong to"), at):
+            whole, at = self._phrase(at + 2)
+            return WordedQuestion(Form.WHICH, subject, PartOf(whole)), at
+        if self._is(("is", "are"), at):
+            predicate, at = self._predicate(self._any(("is", "are"), at))
+            return WordedQuestion(Form.WHICH, subject, predicate), at
+        predicate, at = self._verbal(at)
+        return WordedQuestion(Form.WHICH, subject, predicate), at
+
+    def _list(self) -> tuple[WordedQuestion, int]:
+        if self._is(("what are the parts of",), 0):
+            whole, at = self._phrase(5)
+            return WordedQuestion(Form.WHICH, Phrase("", None, Quantifier(""), plural=True), PartOf(whole)), at
+        at = self._skip(("list all", "list", "show all", "show", "name"), 0)
+        if at == 0 and not self._is(("all", "every", "everything"), 0):
+            raise _NoReading
+        subject, at = self._phrase(at)
+        return WordedQuestion(Form.WHICH, self._bare(subject)), at
+
+    def _fragment(self) -> tuple[WordedQuestion, int]:
+        if not self._is(("any", "anything", "something"), 0):
+            raise _NoReading
+        subject, at = self._phrase(0)
+        predicate, at = self._optional_predicate(at)
+        return WordedQuestion(Form.TRUTH, self._indefinite(subject), predicate), at
+
+    # -- predicates ----------------------------------------------------------------------------------------------------
+
+    def _optional_predicate(self, at: int) -> tuple[Predicate | None, int]:
+        try:
+            return self._predicate(at)
+        except _NoReading:
+            return None, at
+
+    def _predicate(self, at: int, *, kinds: bool = True) -> tuple[Predicate, int]:
+        first, at = self._single(at, kinds=kinds)
+        parts, operator = [first], ""
+        while self._is(("and", "or"), at) and operator in {"", self.words[at]}:
+            try:
+                after = at + 1 + self._is(("is", "are"), at + 1)
+                following, end = self._single(after, kinds=False)
+            except _NoReading:
+                break
+            operator = self.words[at]
+            parts.append(following)
+            at = end
+        return (Joined(tuple(parts), operator), at) if len(parts) > 1 else (first, at)
+
+    def _single(self, at: int, *, kinds: bool = True) -> tuple[Predicate, int]:  # noqa: PLR0911 - one per predicate
+        if self._is(("not",), at):
+            inner, at = self._single(at + 1, kinds=kinds)
+            return Negated(inner), at
+        if self._is(("neither",), at):
+            inner, at = self._predicate(at + 1, kinds=kinds)
+            return Negated(inner), at
+        at = self._skip(_POSTURES, at)
+        if self._is(("open", "opened", "closed", "shut"), at) and not self._is(("open to",), at):
+            return Opened("open" if self.words[at].startswith("open") else "closed"), at + 1
+        if self._is(("between",), at):
+            one, at = self._phrase(at + 1, joined=False)
+            other, at = self._phrase(self._any(("and",), at), joined=False)
+            return Between(one, other), at
+        if self._is(("containing",), at):
+            other, at = self._phrase(at + 1)
+            return Has(other, inside=True), at
+        if self._is(("having",), at):
+            other, at = self._phrase(at + 1)
+            return Has(other, inside=False), at
+        if self._is(("part of", "a part of", "parts of"), at):
+            whole, at = self._phrase(self._any(("part of", "a part of", "parts of"), at))
+            return PartOf(whole), at
+        try:
+            return self._comparison(at)
+        except _NoReading:
+            pass
+        try:
+            relation, after = self._relation(at)
+            other, after = self._phrase(after)
+        except _NoReading:
+            pass
+        else:
+            return Related(relation, other), after
+        if self._is(_STATED, at):
+            return Stated(self.words[at]), at + 1
+        if kinds:
+            kind, at = self._phrase(at)
+            return KindOf(self._bare(kind)), at
+        raise _NoReading
+
+    def _comparison(self, at: int) -> tuple[Predicate, int]:
+        if self._is(("as",), at):
+            adjective = self._word(at + 1, _ADJECTIVES)
+            other, at = self._phrase(self._any(("as",), at + 2))
+            return Comparison(_ADJECTIVES[adjective][0], 0, other, None, adjective), at
+        adjective = _COMPARATIVES[self._word(at, _COMPARATIVES)]
+        measure, sign = _ADJECTIVES[adjective]
+        at = self._any(("than",), at + 1)
+        number, after = self._quantity(at, measure)
+        if number is not None:
+            return Comparison(measure, sign, None, number, adjective), after
+        other, at = self._phrase(at)
+        return Comparison(measure, sign, other, None, adjective), at
+
+    def _quantity(self, at: int, measure: Measure) -> tuple[float | None, int]:
+        """A number with the unit of a measure; None if there is none."""
+        text = self.words[at] if at < len(self.words) else ""
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)([a-z]*)", text)
+        digits, unit, after = (match[1], match[2], at + 1) if match else (text, "", at + 1)
+        if not unit and after < len(self.words):
+            unit, after = self.words[after], after + 1
+        number = the_number(digits)
+        if number is None or unit not in _UNITS or (unit in _MASS_UNITS) is not (measure is Measure.MASS):
+            return None, at
+        return number * _UNITS[unit], after
+
+    def _verbal(self, at: int) -> tuple[Predicate, int]:
+        """A predicate with its own verb: contains eggs, stands on the table, weighs more than 1 kg."""
+        if self._is(("do not", "does not"), at):
+            inner, at = self._verbal(at + 2)
+            return Negated(inner), at
+        if self._is(("weighs more than", "weigh more than", "weighs less than", "weigh less than"), at):
+            sign = 1 if self.words[at + 1] == "more" else -1
+            number, end = self._quantity(at + 3, Measure.MASS)
+            adjective = "heavy" if sign > 0 else "light"
+            if number is not None:
+                return Comparison(Measure.MASS, sign, None, number, adjective), end
+            other, at = self._phrase(at + 3)
+            return Comparison(Measure.MASS, sign, other, None, adjective), at
+        if self._is(_VERBS, at):
+            relation, at = self._relation(at + 1)
+            other, at = self._phrase(at)
+            return Related(relation, other), at
+        verb, at = self._verb(at, (*_CONTAIN, "has", "have"))
+        other, at = self._phrase(at)
+        inside = verb != "have"
+        if self._is(("in it", "inside it", "inside", "in them", "inside them"), at):
+            inside, at = True, self._any(("in it", "inside it", "in them", "inside them", "inside"), at)
+        return Has(self._existential(other), inside), at
+
+    def _relation(self, at: int) -> tuple[str, int]:
+        for relation, texts in _RELATIONS.items():
+            for text in texts:
+                if self._is((text,), at):
+                    return relation, at + len(text.split())
+        raise _NoReading
+
+    def _verb(self, at: int, verbs: Sequence[str]) -> tuple[str, int]:
+        word = self._word(at, verbs)
+        return ("have" if word == "has" else word), at + 1
+
+    # -- noun phrases --------------------------------------------------------------------------------------------------
+
+    def _phrase(self, at: int, *, joined: bool = True) -> tuple[Phrase, int]:
+        first, at = self._single_phrase(at)
+        parts, operator = [first], ""
+        while joined and self._is(("and", "or"), at) and operator in {"", self.words[at]}:
+            try:
+                following, end = self._single_phrase(at + 1)
+            except _NoReading:
+                break
+            if self._is(("is", "are"), at + 1):
+                break
+            operator = self.words[at]
+            if following.quantifier.word == "" and first.quantifier.word:
+                following = replace(following, quantifier=first.quantifier)
+            parts.append(following)
+            at = end
+        return (Phrase("", (), Quantifier(""), parts=tuple(parts), operator=operator), at) if len(parts) > 1 else (first, at)
+
+    def _single_phrase(self, at: int) -> tuple[Phrase, int]:
+        quantifier, at = self._quantifier(at)
+        state: Predicate | None = None
+        pronoun = self.words[at] if at < len(self.words) else ""
+        if pronoun in _PRONOUNS and not quantifier.word:
+            phrase, at = Phrase("", None, Quantifier(_PRONOUNS[pronoun])), at + 1
+        else:
+            state, at = self._adjective(at)
+            text, members, plural, at = self._noun(at)
+            phrase = Phrase(text, members, quantifier, plural)
+        if state is not None:
+            phrase = replace(phrase, restrictions=(state,))
+        while True:
+            restriction, end = self._restriction(at)
+            if restriction is None:
+                return phrase, at
+            phrase, at = replace(phrase, restrictions=(*phrase.restrictions, restriction)), end
+
+    def _quantifier(self, at: int) -> tuple[Quantifier, int]:
+        for texts, word in (
+            (("all of the", "all the", "all of", "all", "every", "each of the", "each"), "all"),
+            (("none of the", "none of", "no"), "no"), (("both of the", "both the", "both"), "both"),
+            (("any of the", "any", "some of the", "some"), "some"),
+        ):  # fmt: skip
+            for text in texts:
+                if self._is((text,), at):
+                    return Quantifier(word), self._skip(tuple(_ARTICLES), at + len(text.split()))
+        for text, word in (("at least", "at least"), ("at most", "at most"), ("more than", "more than"),
+                           ("less than", "fewer than"), ("fewer than", "fewer than"), ("exactly", "exactly")):  # fmt: skip
+            if self._is((text,), at) and at + 2 < len(self.words):
+                number = the_number(self.words[at + 2])
+                if number is None or not number.is_integer():
+                    raise _NoReading
+                return Quantifier(word, int(number)), at + 3
+        if at < len(self.words) - 1 and (number := the_number(self.words[at])) is not None and number.is_integer():
+            return Quantifier("exactly", int(number)), at + 1
+        if self._is(("a", "an"), at):
+            return Quantifier("a"), at + 1
+        if at < len(self.words) and self.words[at] in _ARTICLES:
+            word = "some" if self.words[at] == "some" else "the"
+            at += 1
+            if at < len(self.words) - 1 and (number := the_number(self.words[at])) is not None and number.is_integer():
+                return Quantifier("the", int(number)), at + 1
+            return Quantifier(word), at
+        return Quantifier(""), at
+
+    def _adjective(self, at: int) -> tuple[Predicate | None, int]:
+        """A state before a noun: the open drawers."""
+        if self._is(("open", "closed", "shut"), at):
+            return Opened("open" if self.words[at] == "open" else "closed"), at + 1
+        if self._is(tuple(set(_STATED) - {"on", "off"}), at):
+            return Stated(self.words[at]), at + 1
+        return None, at
+
+    def _noun(self, at: int) -> tuple[str, tuple[Iri, ...] | None, bool, int]:
+        """The longest words from here that are a noun."""
+        for end in range(min(len(self.words), at + _MAX_NOUN_WORDS), at, -1):
+            text = " ".join(self.words[at:end])
+            if _NEVER_IN_NOUNS & {*self.words[at:end]} or "of" in {self.words[at], self.words[end - 1]}:
+                continue
+            if end == at + 1 and text in _GENERAL:
+                return "", None, text.endswith("s"), end
+            if text not in self.found:
+                self.found[text] = self.find_noun(text)
+            noun = self.found[text]
+            if noun is not None:
+                plural = is_plural(self.words[end - 1])
+                return text, noun.of(plural=plural), plural, end
+        raise _NoReading
+
+    def _restriction(self, at: int) -> tuple[Predicate | None, int]:
+        """What follows a noun and restricts it, where it cannot be the predicate of the sentence."""
+        try:
+            if self._is(("that", "which", "who"), at):
+                if self._is(("is", "are"), at + 1):
+                    return self._predicate(at + 2)
+                return self._verbal(at + 1)
+            if self._is(("with",), at):
+                other, at = self._phrase(at + 1)
+                return Has(self._existential(other), inside=False), at
+            if self._is(("of the", "of a"), at):
+                whole, at = self._phrase(at + 1)
+                return PartOf(whole), at
+            if self._has_predicate_after(at):
+                relation, after = self._relation(at)
+                other, after = self._phrase(after, joined=False)
+                return Related(relation, other), after
+        except _NoReading:
+            pass
+        return None, at
+
+    def _has_predicate_after(self, at: int) -> bool:
+        """Whether a place here must belong to the noun: a verb or a predicate follows it, or it began the sentence."""
+        if not any(self._is((text,), at) for texts in _RELATIONS.values() for text in texts):
+            return False
+        try:
+            _, after = self._relation(at)
+            _, after = self._single_phrase(after)
+        except _NoReading:
+            return False
+        rest = self.words[after:]
+        opens_list = self.words[0] in {"list", "show", "all", "everything", "what", "which", "how", "where", "is", "are"}
+        is_asked = self.words[0] in {"where", "how"} and self.words[1:2] != ["many"] and not rest
+        is_extreme = any(word in _SUPERLATIVES for word in self.words[:at]) and not rest
+        is_list = self.words[0] in {"list", "show", "all", "everything"} and not rest
+        begins_predicate = bool(rest) and (
+            rest[0] in {"is", "are", "open", "closed", "shut", "weigh", "weighs", "not", "as", "than", "from", "to", "contain",
+                        "contains", "do", "does", *_STATED, *_COMPARATIVES, *_POSTURES}
+            or any(self._is((text,), after) for texts in _RELATIONS.values() for text in texts)
+        )  # fmt: skip
+        return is_asked or is_extreme or is_list or (opens_list and begins_predicate)
+
+    # -- words ---------------------------------------------------------------------------------------------------------
+
+    @staticmethod
+    def _bare(phrase: Phrase) -> Phrase:
+        """A phrase of which the members are asked for."""
+        if phrase.parts:
+            return replace(phrase, parts=tuple(map(_Parser._bare, phrase.parts)))
+        if phrase.quantifier.word in {"no", "at least", "at most", "more than", "fewer than"}:
+            raise _NoReading
+        return replace(phrase, quantifier=Quantifier(""))
+
+    @staticmethod
+    def _indefinite(phrase: Phrase) -> Phrase:
+        """A phrase of which one member is enough, unless a number or a negation says otherwise."""
+        if phrase.parts:
+            return replace(phrase, parts=tuple(map(_Parser._indefinite, phrase.parts)))
+        if phrase.quantifier.word in {"", "a", "the"} and phrase.quantifier.number is None:
+            return replace(phrase, quantifier=Quantifier("some"))
+        if phrase.quantifier.word == "exactly":
+            return replace(phrase, quantifier=Quantifier("at least", phrase.quantifier.number))
+        return phrase
+
+    @staticmethod
+    def _existential(phrase: Phrase) -> Phrase:
+        return _Parser._indefinite(phrase)
+
+    def _is(self, texts: Sequence[str], at: int) -> bool:
+        """Whether one of some texts stands here."""
+        return any(list(self.words[at : at + len(words)]) == words for words in map(str.split, texts))
+
+    def _any(self, texts: Sequence[str], at: int) -> int:
+        """The place after the longest of some texts that stands here."""
+        after = self._skip(texts, at)
+        if after == at:
+            raise _NoReading
+        return after
+
+    def _skip(self, texts: Sequence[str], at: int) -> int:
+        """The place after the longest of some texts, if one stands here."""
+        return at + max((len(text.split()) for text in texts if self._is((text,), at)), default=0)
+
+    def _word(self, at: int, known: object) -> str:
+        if at < len(self.words) and self.words[at] in known:  # type: ignore[operator]
+            return self.words[at]
+        raise _NoReading
