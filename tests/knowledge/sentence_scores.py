@@ -47,7 +47,7 @@ def score(kb: KnowledgeBase, entry: Entry, ids: Iterable[str]) -> Score:
     is_command = "do " in entry.expected.replace("refused|", "").replace("ambiguous|", "")[:3]
     try:
         if is_command or entry.expected in {"ambiguous", "ambiguous|refused", "refused|ambiguous"}:
-            from mindstage.knowledge.commands import understand_command
+            from mindstage.robots.commands import understand_command
 
             got = str(understand_command(kb, entry.sentence))
             return Score(entry, "right" if _is_command(entry.expected, got) else "wrong", got)

@@ -22,10 +22,12 @@ from mindstage.knowledge.names import Noun, is_plural
 from mindstage.scene import Iri
 
 __all__ = [
+    "FUTURE_WORDS",
     "IGNORED_WORDS",
     "OPERATORS",
     "PAST_WORDS",
     "Comparison",
+    "BelongsTo",
     "Between",
     "Form",
     "Has",
@@ -42,7 +44,10 @@ __all__ = [
     "Related",
     "Stated",
     "Supports",
+    "WordedCommand",
     "WordedQuestion",
+    "names_nothing",
+    "parse_command",
     "parse_sentence",
     "sentence_words",
     "the_number",
@@ -50,11 +55,13 @@ __all__ = [
 
 IGNORED_WORDS = frozenset(
     ("please", "now", "currently", "still", "just", "hello", "hey", "thanks", "also", "really", "actually",
-     "here", "own", "exactly", "kindly", "well", "ok", "okay", "so")
+     "here", "own", "kindly", "well", "ok", "okay", "so")
 )  # fmt: skip
 """Words that change no answer. None is a quantifier, negation, number, comparison, tense or preposition."""
-PAST_WORDS = frozenset(("was", "were", "did", "had", "been", "will", "yesterday", "ago", "earlier", "before", "tomorrow"))
-"""Words of another time than the present, which only questions about recordings have."""
+PAST_WORDS = frozenset(("was", "were", "did", "had", "been", "yesterday", "ago", "earlier", "before"))
+"""Words of the past, which only questions about recordings have."""
+FUTURE_WORDS = frozenset(("will", "would", "tomorrow", "later", "soon"))
+"""Words of what may happen, which only questions that imagine have."""
 OPERATORS = frozenset(
     ("all", "every", "each", "any", "none", "no", "not", "both", "either", "neither", "never", "only", "except", "without",
      "more", "less", "fewer", "most", "least", "nothing", "anything", "something", "everything", "or")
@@ -71,7 +78,7 @@ _CONTRACTIONS = {
     "can't": "can not", "cannot": "can not", "won't": "will not", "wasn't": "was not", "weren't": "were not",
     "didn't": "did not", "whats": "what is", "wheres": "where is", "haven't": "have not", "hasn't": "has not",
 }  # fmt: skip
-_ARTICLES = frozenset(("the", "a", "an", "my", "our", "your", "this", "that", "these", "those", "some", "its"))
+_ARTICLES = frozenset(("the", "a", "an", "my", "our", "your", "this", "that", "these", "those", "some"))
 _GENERAL = frozenset(("thing", "things", "object", "objects", "item", "items", "stuff"))
 _PRONOUNS = {"something": "some", "anything": "some", "everything": "all", "nothing": "no"}
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -82,7 +89,7 @@ _RELATIONS = {
     "below": ("underneath", "beneath", "below", "under"),
     "next_to": ("next to", "beside", "near", "by", "close to"),
 }
-_POSTURES = ("standing", "lying", "sitting", "placed", "located", "stored", "kept")
+_POSTURES = ("standing", "lying", "sitting", "placed", "located")
 _VERBS = ("stands", "stand", "lies", "lie", "sits", "sit", "hangs", "hang")
 _CONTAIN = ("contains", "contain", "holds", "hold")
 _STATED = ("clean", "dirty", "on", "off", "full", "empty", "hot", "cold", "warm", "broken")
@@ -232,10 +239,11 @@ class Has:
     """Containing things, or having them as parts."""
 
     other: Phrase
-    inside: bool
+    verb: str
+    """contain, hold (in or on it), or have (its parts, too)."""
 
     def __str__(self) -> str:
-        return f"{'containing' if self.inside else 'having'} {self.other}"
+        return f"{'hav' if self.verb == 'have' else self.verb}ing {self.other}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,6 +293,17 @@ class PartOf:
 
 
 @dataclass(frozen=True, slots=True)
+class BelongsTo:
+    """Being what a whole has, holds or contains."""
+
+    whole: Phrase
+    verb: str
+
+    def __str__(self) -> str:
+        return f"that {self.whole} {'has' if self.verb == 'have' else self.verb + 's'}"
+
+
+@dataclass(frozen=True, slots=True)
 class Supports:
     """Having things in a spatial relation to it."""
 
@@ -316,7 +335,9 @@ class Joined:
         return f" {self.operator} ".join(map(str, self.parts))
 
 
-Predicate = Related | Opened | Stated | KindOf | Has | Comparison | Between | PartOf | Supports | Negated | Joined
+Predicate = (
+    Related | Opened | Stated | KindOf | Has | Comparison | Between | PartOf | BelongsTo | Supports | Negated | Joined
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,6 +381,17 @@ class WordedQuestion:
                 return f"are there more {subject} than {self.other}?"
 
 
+def names_nothing(question: WordedQuestion) -> bool:
+    """Whether a noun of a question stands for nothing in the loaded maps."""
+    phrases = [question.subject, *(each for each in (question.other,) if each)]
+    while phrases:
+        phrase = phrases.pop()
+        phrases += phrase.parts
+        if not phrase.parts and phrase.members == ():
+            return True
+    return False
+
+
 FindNoun = Callable[[str], Noun | None]
 
 
@@ -368,9 +400,10 @@ class _NoReading(Exception):  # noqa: N818 - a branch of the parser, not an erro
 
 
 def sentence_words(sentence: str) -> list[str]:
-    """The words of a sentence in lower case, without politeness and punctuation; contractions are whole words."""
-    plain = re.sub(r"[\u2018\u2019]", "'", sentence.strip()).lower()
-    chunks = [chunk.strip("\"`\u201c\u201d«»\u201e.,;:!?()[]…") for chunk in plain.split()]
+    """The words of a sentence in lower case, but not names such as blueBottle, without politeness and punctuation; contractions are whole words."""
+    plain = re.sub(r"[\u2018\u2019]", "'", sentence.strip())
+    chunks = [chunk.strip('"`\u201c\u201d«»\u201e.,;:!?()[]…') for chunk in plain.split()]
+    chunks = [chunk if ":" in chunk or chunk[1:] != chunk[1:].lower() else chunk.lower() for chunk in chunks]
     text = " ".join(_CONTRACTIONS.get(chunk, chunk) for chunk in chunks if chunk)
     for opening in _OPENINGS:
         if text.startswith(f"{opening} "):
@@ -403,12 +436,70 @@ def parse_sentence(
         is_map: whether a noun names the only map, in which everything is.
     """
     words = sentence_words(sentence)
-    if not words or PAST_WORDS & {*words}:
+    if not words or (PAST_WORDS | FUTURE_WORDS) & {*words}:
         return []
     if words[-3:-1] in (["in", "the"], ["in", "this"], ["in", "our"], ["in", "my"]) and is_map(words[-1]):
         words = words[:-3]
     parser = _Parser(words, find_noun)
     return list(dict.fromkeys(parser.questions()))
+
+
+@dataclass(frozen=True, slots=True)
+class WordedCommand:
+    """A command, or a question about what it would do, as it was understood."""
+
+    skill: str
+    phrases: tuple[tuple[str, Phrase], ...]
+    """The arguments by name."""
+    template: str
+    """The wording that was used."""
+    is_hypothetical: bool = False
+    """Whether it asks what would happen."""
+
+    def __str__(self) -> str:
+        text = self.template
+        for name, phrase in self.phrases:
+            text = text.replace(f"{{{name}}}", str(phrase))
+        return f"what happens if i {text}?" if self.is_hypothetical else text
+
+
+def parse_command(
+    sentence: str, templates: Sequence[tuple[str, str]], find_noun: FindNoun, is_map: Callable[[str], bool]
+) -> list[WordedCommand]:
+    """All different readings of a sentence as a command; none unless every word is part of it.
+
+    Args:
+        sentence: what is to be done, or "what happens if I" and that.
+        templates: pairs of a skill and a wording, such as "put {thing} on {on}".
+        find_noun: what the words of a noun stand for.
+        is_map: whether a noun names the only map.
+    """
+    words = sentence_words(sentence)
+    is_hypothetical = False
+    for opening in _HYPOTHETICAL:
+        if words[: len(opening)] == opening:
+            words, is_hypothetical = [_base_form(word) for word in words[len(opening) :]], True
+    words = words[next((len(each) for each in _POLITE if words[: len(each)] == each), 0) :]
+    if words[-3:-1] in (["in", "the"], ["in", "this"]) and is_map(words[-1]):
+        words = words[:-3]
+    parser = _Parser(words, find_noun)
+    found = (parser.command(skill, template, is_hypothetical) for skill, template in templates)
+    return list(dict.fromkeys(each for each in found if each is not None))
+
+
+_HYPOTHETICAL = [
+    text.split()
+    for start in ("what happens if", "what happens when", "what would happen if", "what will happen if", "what if")
+    for text in (f"{start} i", f"{start} we", f"{start} you", f"{start} the robot")
+]
+_POLITE = [text.split() for text in ("could you", "would you", "can you", "i want you to", "robot", "go and")]
+
+
+def _base_form(word: str) -> str:
+    """The base form of a verb in a condition: what would happen if I opened it."""
+    return {"opened": "open", "closed": "close", "took": "take", "went": "go", "placed": "place", "picked": "pick"}.get(
+        word, word
+    )
 
 
 @dataclass
@@ -430,6 +521,22 @@ class _Parser:
                 continue
             if end == len(self.words):
                 yield question
+
+    def command(self, skill: str, template: str, is_hypothetical: bool) -> WordedCommand | None:
+        """The sentence by one wording of a command; None if it is another one."""
+        at, phrases = 0, list[tuple[str, Phrase]]()
+        for item in template.split():
+            if not item.startswith("{"):
+                if not self._is((item,), at):
+                    return None
+                at += 1
+                continue
+            try:
+                phrase, at = self._phrase(at)
+            except _NoReading:
+                return None
+            phrases.append((item[1:-1], phrase))
+        return WordedCommand(skill, tuple(phrases), template, is_hypothetical) if at == len(self.words) else None
 
     # -- questions -----------------------------------------------------------------------------------------------------
 
@@ -483,7 +590,7 @@ class _Parser:
         subject, at = self._phrase(at)
         verb, at = self._verb(at, (*_CONTAIN, "have"))
         other, at = self._phrase(at)
-        return WordedQuestion(Form.TRUTH, subject, Has(self._indefinite(other), verb != "have")), at
+        return WordedQuestion(Form.TRUTH, subject, Has(self._indefinite(other), verb)), at
 
     def _count(self) -> tuple[WordedQuestion, int]:
         at = self._any(("how many", "number of", "what is the number of", "count the", "count"), 0)
@@ -498,9 +605,7 @@ class _Parser:
         if self._is(("does", "do"), at):
             whole, at = self._phrase(at + 1)
             verb, at = self._verb(at, (*_CONTAIN, "have"))
-            if verb == "have":
-                return WordedQuestion(Form.COUNT, self._bare(subject), PartOf(whole)), at
-            return WordedQuestion(Form.COUNT, self._bare(subject), Related("inside", whole)), at
+            return WordedQuestion(Form.COUNT, self._bare(subject), BelongsTo(whole, verb)), at
         at = self._skip(("are", "is"), at)
         predicate, at = self._optional_predicate(at)
         return WordedQuestion(Form.COUNT, self._bare(subject), predicate), at
@@ -523,7 +628,7 @@ class _Parser:
         subject, at = self._phrase(at)
         if relation != "inside":
             return WordedQuestion(Form.WHICH, self._bare(place), Supports(relation, self._existential(subject))), at
-        return WordedQuestion(Form.WHICH, self._bare(place), Has(self._existential(subject), inside=True)), at
+        return WordedQuestion(Form.WHICH, self._bare(place), Has(self._existential(subject), "contain")), at
 
     def _measure(self) -> tuple[WordedQuestion, int]:
         if self._is(("how",), 0):
@@ -537,7 +642,9 @@ class _Parser:
                 at = self._any(("wide open", "far open", "open"), at)
                 order = MeasuredBy(Measure.OPENNESS, 1, "open")
             else:
-                adjective = self._word(at, _ADJECTIVES)
+                adjective = self._word(
+                    at, {each for each, (_, sign) in _ADJECTIVES.items() if sign > 0} - {"big", "large"}
+                )
                 order, at = MeasuredBy(_ADJECTIVES[adjective][0], 1, adjective), at + 1
             subject, at = self._phrase(self._any(("is", "are"), at))
             return WordedQuestion(Form.MEASURE, subject, None, order), at
@@ -610,6 +717,8 @@ class _Parser:
 
     def _which(self) -> tuple[WordedQuestion, int]:
         at = self._any(("which of", "which", "what"), 0)
+        if self._is(("can", "could"), at):  # the verb, not a can of beans
+            raise _NoReading
         subject, at = self._phrase(at)
         subject = self._bare(subject)
         for ending in ("are there", "is there", "do we have", "do you have", "does the kitchen have", "exist"):
@@ -677,12 +786,10 @@ class _Parser:
             one, at = self._phrase(at + 1, joined=False)
             other, at = self._phrase(self._any(("and",), at), joined=False)
             return Between(one, other), at
-        if self._is(("containing",), at):
-            other, at = self._phrase(at + 1)
-            return Has(other, inside=True), at
-        if self._is(("having",), at):
-            other, at = self._phrase(at + 1)
-            return Has(other, inside=False), at
+        for verb, participle in (("contain", "containing"), ("hold", "holding"), ("have", "having")):
+            if self._is((participle,), at):
+                other, at = self._phrase(at + 1)
+                return Has(other, verb), at
         if self._is(("part of", "a part of", "parts of"), at):
             whole, at = self._phrase(self._any(("part of", "a part of", "parts of"), at))
             return PartOf(whole), at
@@ -744,15 +851,15 @@ class _Parser:
             other, at = self._phrase(at + 3)
             return Comparison(Measure.MASS, sign, other, None, adjective), at
         if self._is(_VERBS, at):
-            relation, at = self._relation(at + 1)
-            other, at = self._phrase(at)
-            return Related(relation, other), at
+            predicate, at = self._single(at + 1, kinds=False)
+            if not isinstance(predicate, Related | Between):
+                raise _NoReading
+            return predicate, at
         verb, at = self._verb(at, (*_CONTAIN, "has", "have"))
         other, at = self._phrase(at)
-        inside = verb != "have"
         if self._is(("in it", "inside it", "inside", "in them", "inside them"), at):
-            inside, at = True, self._any(("in it", "inside it", "in them", "inside them", "inside"), at)
-        return Has(self._existential(other), inside), at
+            verb, at = "contain", self._any(("in it", "inside it", "in them", "inside them", "inside"), at)
+        return Has(self._existential(other), verb), at
 
     def _relation(self, at: int) -> tuple[str, int]:
         for relation, texts in _RELATIONS.items():
@@ -763,7 +870,7 @@ class _Parser:
 
     def _verb(self, at: int, verbs: Sequence[str]) -> tuple[str, int]:
         word = self._word(at, verbs)
-        return ("have" if word == "has" else word), at + 1
+        return ("have" if word == "has" else word.removesuffix("s")), at + 1
 
     # -- noun phrases --------------------------------------------------------------------------------------------------
 
@@ -782,7 +889,11 @@ class _Parser:
                 following = replace(following, quantifier=first.quantifier)
             parts.append(following)
             at = end
-        return (Phrase("", (), Quantifier(""), parts=tuple(parts), operator=operator), at) if len(parts) > 1 else (first, at)
+        return (
+            (Phrase("", (), Quantifier(""), parts=tuple(parts), operator=operator), at)
+            if len(parts) > 1
+            else (first, at)
+        )
 
     def _single_phrase(self, at: int) -> tuple[Phrase, int]:
         quantifier, at = self._quantifier(at)
@@ -813,13 +924,14 @@ class _Parser:
                     return Quantifier(word), self._skip(tuple(_ARTICLES), at + len(text.split()))
         for text, word in (("at least", "at least"), ("at most", "at most"), ("more than", "more than"),
                            ("less than", "fewer than"), ("fewer than", "fewer than"), ("exactly", "exactly")):  # fmt: skip
-            if self._is((text,), at) and at + 2 < len(self.words):
-                number = the_number(self.words[at + 2])
+            after = at + len(text.split())
+            if self._is((text,), at) and after < len(self.words):
+                number = the_number(self.words[after])
                 if number is None or not number.is_integer():
                     raise _NoReading
-                return Quantifier(word, int(number)), at + 3
+                return Quantifier(word, int(number)), after + 1
         if at < len(self.words) - 1 and (number := the_number(self.words[at])) is not None and number.is_integer():
-            return Quantifier("exactly", int(number)), at + 1
+            return Quantifier("at least", int(number)), at + 1
         if self._is(("a", "an"), at):
             return Quantifier("a"), at + 1
         if at < len(self.words) and self.words[at] in _ARTICLES:
@@ -863,7 +975,7 @@ class _Parser:
                 return self._verbal(at + 1)
             if self._is(("with",), at):
                 other, at = self._phrase(at + 1)
-                return Has(self._existential(other), inside=False), at
+                return Has(self._existential(other), "have"), at
             if self._is(("of the", "of a"), at):
                 whole, at = self._phrase(at + 1)
                 return PartOf(whole), at
@@ -885,7 +997,18 @@ class _Parser:
         except _NoReading:
             return False
         rest = self.words[after:]
-        opens_list = self.words[0] in {"list", "show", "all", "everything", "what", "which", "how", "where", "is", "are"}
+        opens_list = self.words[0] in {
+            "list",
+            "show",
+            "all",
+            "everything",
+            "what",
+            "which",
+            "how",
+            "where",
+            "is",
+            "are",
+        }
         is_asked = self.words[0] in {"where", "how"} and self.words[1:2] != ["many"] and not rest
         is_extreme = any(word in _SUPERLATIVES for word in self.words[:at]) and not rest
         is_list = self.words[0] in {"list", "show", "all", "everything"} and not rest
@@ -903,7 +1026,7 @@ class _Parser:
         """A phrase of which the members are asked for."""
         if phrase.parts:
             return replace(phrase, parts=tuple(map(_Parser._bare, phrase.parts)))
-        if phrase.quantifier.word in {"no", "at least", "at most", "more than", "fewer than"}:
+        if phrase.quantifier.word in {"no", "both"} or phrase.quantifier.number is not None:
             raise _NoReading
         return replace(phrase, quantifier=Quantifier(""))
 
@@ -914,8 +1037,6 @@ class _Parser:
             return replace(phrase, parts=tuple(map(_Parser._indefinite, phrase.parts)))
         if phrase.quantifier.word in {"", "a", "the"} and phrase.quantifier.number is None:
             return replace(phrase, quantifier=Quantifier("some"))
-        if phrase.quantifier.word == "exactly":
-            return replace(phrase, quantifier=Quantifier("at least", phrase.quantifier.number))
         return phrase
 
     @staticmethod

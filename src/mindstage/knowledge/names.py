@@ -254,14 +254,16 @@ class NameIndex:
             return None
         known = self._reasoner.maps_of
         whole = expand_prefix(text)
-        named = [whole] if whole in known else list(index.by_key.get("".join(words), ()))
+        exact = [each for each in self._names.get(text, ()) if each in known]
+        is_iri = whole in known or (":" in whole and self._has_type(whole, EntityType.CLASS))
+        named = [whole] if is_iri else exact or list(index.by_key.get("".join(words), ()))
         individuals = sorted({iri for iri in named if iri in known and not self._has_type(iri, EntityType.MAP)})
         classes = [iri for iri in named if self._has_type(iri, EntityType.CLASS)]
         members = {iri for cls in classes for iri in self._reasoner.members(cls) if iri in known}
         if not members:
             classes += self._classes_ending(words)
             members = {iri for cls in classes for iri in self._reasoner.members(cls) if iri in known}
-        if not individuals and not classes:
+        if any(self._has_type(each, EntityType.MAP) for each in members) or not (individuals or classes):
             return None
         return Noun(tuple(individuals), tuple(sorted(members)))
 

@@ -233,7 +233,8 @@ class _QuestionProcess:
         if request.as_rows:
             plain = [msgspec.structs.replace(row) for row in answers]  # without the link to these answers
             classes = {name: tuple(each) for name, each in answers.classes.items()}
-            rows = pickle.dumps((question.name, dict(answers.args), plain, answers.missing, classes, answers.notes))
+            told = (answers.notes, answers.conclusion)
+            rows = pickle.dumps((question.name, dict(answers.args), plain, answers.missing, classes, *told))
         return QuestionReply(json=json, rows=rows)
 
 

@@ -435,6 +435,11 @@ class Answers(Sequence[R]):
             row.__dict__["_shared_origin"] = origin
 
     @property
+    def is_concluded(self) -> bool:
+        """Whether the answer as a sentence is more than what the rows name, such as a yes or no."""
+        return self._conclusion is not None
+
+    @property
     def conclusion(self) -> Conclusion:
         """The answer as a sentence: that of the question, or what its rows name."""
         if self._conclusion is not None:
@@ -742,9 +747,7 @@ class Question(Generic[R]):
                 rows |= dict.fromkeys(self._rows(kb, bound, state_access))
         missing = () if rows else tuple(self._missing(kb, found, classes, state_access))
         conclusion = state_access.memo.get(("conclusion",))
-        return Answers(
-            self, found, tuple(rows), missing, kb=kb, classes=classes, notes=told, conclusion=conclusion
-        )
+        return Answers(self, found, tuple(rows), missing, kb=kb, classes=classes, notes=told, conclusion=conclusion)
 
     def _combinations(
         self, found: Mapping[str, object], classes: Mapping[str, Sequence[Iri]]

@@ -27,7 +27,15 @@ from types import MappingProxyType
 from typing import Any
 
 from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
-from mindstage.knowledge.grammar import IGNORED_WORDS, OPERATORS, PAST_WORDS, parse_sentence, sentence_words
+from mindstage.knowledge.grammar import (
+    FUTURE_WORDS,
+    IGNORED_WORDS,
+    OPERATORS,
+    PAST_WORDS,
+    names_nothing,
+    parse_sentence,
+    sentence_words,
+)
 from mindstage.knowledge.names import EntityType, NameQuality, Noun, name_words
 from mindstage.knowledge.questions import (
     Question,
@@ -262,12 +270,13 @@ def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None
     tokens = _checked_tokens(sentence)
     with kb.lock:
         worded = parse_sentence(sentence, partial(find_noun, kb, find_body), partial(is_only_map, kb))
-        if len(worded) == 1:
-            return Understanding(sentence, get_question(_WORDED), {"text": sentence}, (), str(worded[0]))
-        if worded:
+        if len(worded) > 1:
             raise AmbiguousSentenceError(sentence, candidates=tuple(map(str, worded)))
         matcher = _Matcher(kb, sentence, tokens, find_body)
-        readings = list(matcher.readings())
+        may_be_declared = not worded or names_nothing(worded[0])  # such as "which room", if no map has rooms
+        readings = list(matcher.readings()) if may_be_declared else []
+        if worded and not readings:
+            return Understanding(sentence, get_question(_WORDED), {"text": sentence}, (), str(worded[0]))
         if not readings:
             raise matcher.not_understood()
     best = min(each.rank for each in readings)
@@ -553,7 +562,7 @@ class _Matcher:
             for pattern in sentence_patterns(question):
                 if pattern.words <= present and len(pattern.items) <= len(self._words):
                     shown = {word for item in pattern.shown if isinstance(item, str) for word in sentence_words(item)}
-                    if said & OPERATORS <= shown:
+                    if said & (OPERATORS | FUTURE_WORDS) <= shown:
                         yield question, pattern
 
     def _matches(

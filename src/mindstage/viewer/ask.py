@@ -177,7 +177,7 @@ def answer_table(kb: KnowledgeBase, answers: Answers[Any], bodies: Mapping[str, 
             for fact in answers.missing
         ),
         explainable=answers.question.has_explanation,
-        notes=answers.notes,
+        notes=(*answers.notes, answers.conclusion.sentence) if answers.notes else (),
     )
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from mindstage.errors import SentenceNotUnderstoodError
 from mindstage.knowledge.grammar import (
+    BelongsTo,
     Between,
     Comparison,
     Form,
@@ -246,7 +247,9 @@ class Evaluation:
             for two in self.members(other)
             if one != two and (gap := self._gap(one, two)) is not None
         ]
-        said = (f"{local_name(row.thing or '')} is {row.value:.3g} m from {local_name(row.other or '')}" for row in rows)
+        said = (
+            f"{local_name(row.thing or '')} is {row.value:.3g} m from {local_name(row.other or '')}" for row in rows
+        )
         text = "; ".join(said) or f"Unknown: there is no distance between {_noun(subject)} and {_noun(other)}"
         return _Result(f"{text}.", True if rows else None, rows)
 
@@ -353,11 +356,10 @@ class Evaluation:
                 return True if (thing, state) in self._stated else None
             case KindOf(kind):
                 return thing in self.members(kind)
-            case Has(other, inside):
-                owned = self._parts_of(thing)
-                if inside:
-                    owned = {each for each, places in self._related("inside").items() if thing in places}
-                return self._holds_for(other, _Is(owned))[0]  # type: ignore[arg-type]
+            case Has(other, verb):
+                return self._holds_for(other, _Is(self._owned(thing, verb)))[0]  # type: ignore[arg-type]
+            case BelongsTo(whole, verb):
+                return any(thing in self._owned(each, verb) for each in self.members(whole))
             case PartOf(whole):
                 return any(thing in self._parts_of(each) for each in self.members(whole))
             case Between(one, other):
@@ -454,6 +456,14 @@ class Evaluation:
         for each in opening:
             found = found | self._parts.get(each, set())
         return found
+
+    def _owned(self, whole: Iri, verb: str) -> set[Iri]:
+        """What a thing contains, holds (also on it), or has (also as parts)."""
+        relations = ("inside",) if verb == "contain" else ("inside", "on")
+        found = self._parts_of(whole) if verb == "have" else set[Iri]()
+        return found.union(
+            *({each for each, places in self._related(name).items() if whole in places} for name in relations)
+        )
 
     def _between(self, one: Iri, other: Iri) -> set[Iri]:
         rows: Sequence[Any] = is_between.ask(self._kb, {"one": one, "other": other}, present=self._present)
