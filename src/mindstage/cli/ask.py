@@ -421,12 +421,14 @@ def ask(
 ) -> ExitCode:
     """Ask a question; without an answer, print what is missing, and exit 1.
 
-    A sentence (mindstage ask are all drawers closed) is answered by a sentence: exit 0 for yes, 1 for no, 3 for unknown.
+    A sentence (mindstage ask are all drawers closed) is answered by one: exit 0 for yes, 1 for no, 3 for unknown.
     With --highlight the question is asked about the state of the simulation, and with --running about that of a
     running one. With --episode or --episodes it is asked about any time of recorded ones: --at 3.2.
     """
     # Before the map is read, so that a wrong name fails at once.
     sentence = _sentence(question, args or [])
+    if sentence.lower().rstrip(" ?") in {"what can i ask", "what can you answer"}:
+        return questions(as_json=as_json)
     asked = None if sentence else _question_with_args(question, args or [])
     allowed = {"question", "args", "running", "rows", "why", "highlight", "as_json", "at", "during", "since", "until"}
     when = {"at": at, "during": during, "since": since, "until": until}
@@ -514,10 +516,33 @@ def _question_with_args(question: str, args: list[str]) -> AskedQuestion:
 
 
 def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
+    from mindstage.errors import SentenceNotUnderstoodError
     from mindstage.knowledge.sentences import understand
 
-    understood = understand(knowledge, sentence)
+    try:
+        understood = understand(knowledge, sentence)
+    except SentenceNotUnderstoodError:
+        _point_to_do(knowledge, sentence)
+        raise
     return understood.question, {name: str(value) for name, value in understood.args.items()}, understood.notes
+
+
+def _point_to_do(knowledge: KnowledgeBase, sentence: str) -> None:
+    """Refuses a command with the verb that performs it.
+
+    Raises:
+        SentenceNotUnderstoodError: it is a command.
+    """
+    from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
+    from mindstage.robots.commands import understand_command
+
+    try:
+        found = understand_command(knowledge, sentence)
+    except (SentenceNotUnderstoodError, AmbiguousSentenceError):
+        return
+    verb = "evaluate" if found.is_hypothetical else "do"
+    cause = f"it is no question: mindstage {verb} {sentence!r} MAP {'tries' if found.is_hypothetical else 'does'} it"
+    raise SentenceNotUnderstoodError(sentence, cause=cause)
 
 
 def _ask_running(

@@ -3,7 +3,7 @@
     question  := is PHRASE PREDICATE? | is there PHRASE | do we have PHRASE | which PHRASE PREDICATE | what PREDICATE
                | how many PHRASE PREDICATE | where is PHRASE | how heavy is PHRASE | list PHRASE | …
     phrase    := [quantifier] [article] [state] noun (place | that is PREDICATE | with PHRASE)*, joined by and, or
-    predicate := [not] (on | in | under | … PHRASE | open | closed | a noun | heavier than PHRASE | …), joined by and, or
+    predicate := [not] (on | in | … PHRASE | open | closed | a noun | heavier than PHRASE | …), joined by and, or
 
 A noun is looked up in `NameIndex.noun`: it stands for one individual, or for the individuals of classes. Nothing is
 evaluated here; `mindstage.knowledge.queries.worded` does that. Every word of a sentence must be used: apart from those
@@ -26,18 +26,18 @@ __all__ = [
     "IGNORED_WORDS",
     "OPERATORS",
     "PAST_WORDS",
-    "Comparison",
     "BelongsTo",
     "Between",
+    "Comparison",
     "Form",
     "Has",
+    "IsPartOf",
     "Joined",
     "KindOf",
-    "Measure",
     "MeasuredBy",
+    "MeasuredProperty",
     "Negated",
     "Opened",
-    "PartOf",
     "Phrase",
     "Predicate",
     "Quantifier",
@@ -63,9 +63,33 @@ PAST_WORDS = frozenset(("was", "were", "did", "had", "been", "yesterday", "ago",
 FUTURE_WORDS = frozenset(("will", "would", "tomorrow", "later", "soon"))
 """Words of what may happen, which only questions that imagine have."""
 OPERATORS = frozenset(
-    ("all", "every", "each", "any", "none", "no", "not", "both", "either", "neither", "never", "only", "except", "without",
-     "more", "less", "fewer", "most", "least", "nothing", "anything", "something", "everything", "or")
-)  # fmt: skip
+    (
+        "all",
+        "every",
+        "each",
+        "any",
+        "none",
+        "no",
+        "not",
+        "both",
+        "either",
+        "neither",
+        "never",
+        "only",
+        "except",
+        "without",
+        "more",
+        "less",
+        "fewer",
+        "most",
+        "least",
+        "nothing",
+        "anything",
+        "something",
+        "everything",
+        "or",
+    )
+)
 """Words that change an answer, and that the declared wordings of questions may not leave out."""
 _OPENINGS = (
     "can you tell me if", "could you tell me if", "tell me if", "do you know if", "can you tell me whether",
@@ -95,15 +119,43 @@ _CONTAIN = ("contains", "contain", "holds", "hold")
 _STATED = ("clean", "dirty", "on", "off", "full", "empty", "hot", "cold", "warm", "broken")
 _MAX_NOUN_WORDS = 6
 _NEVER_IN_NOUNS = (
-    _ARTICLES | OPERATORS | {*_PRONOUNS, *_CONTAIN, *_VERBS, *_POSTURES}
-    | {word for texts in _RELATIONS.values() for text in texts for word in text.split() if word not in {"top", "of", "close"}}
-    | {"and", "or", "is", "are", "which", "who", "with", "have", "has", "do", "does", "than", "as", "from", "between", "how",
-       "what", "where", "there", "to"}
-)  # fmt: skip
+    _ARTICLES
+    | OPERATORS
+    | {*_PRONOUNS, *_CONTAIN, *_VERBS, *_POSTURES}
+    | {
+        word
+        for texts in _RELATIONS.values()
+        for text in texts
+        for word in text.split()
+        if word not in {"top", "of", "close"}
+    }
+    | {
+        "and",
+        "or",
+        "is",
+        "are",
+        "which",
+        "who",
+        "with",
+        "have",
+        "has",
+        "do",
+        "does",
+        "than",
+        "as",
+        "from",
+        "between",
+        "how",
+        "what",
+        "where",
+        "there",
+        "to",
+    }
+)
 """Words that end a noun."""
 
 
-class Measure(StrEnum):
+class MeasuredProperty(StrEnum):
     """What individuals are measured by."""
 
     MASS = "mass"
@@ -121,11 +173,20 @@ class Measure(StrEnum):
 
 
 _ADJECTIVES = {
-    "heavy": (Measure.MASS, 1), "light": (Measure.MASS, -1), "tall": (Measure.HEIGHT, 1), "high": (Measure.HEIGHT, 1),
-    "short": (Measure.HEIGHT, -1), "low": (Measure.HEIGHT, -1), "wide": (Measure.WIDTH, 1),
-    "narrow": (Measure.WIDTH, -1), "deep": (Measure.DEPTH, 1), "long": (Measure.LENGTH, 1),
-    "large": (Measure.VOLUME, 1), "big": (Measure.VOLUME, 1), "small": (Measure.VOLUME, -1),
-}  # fmt: skip
+    "heavy": (MeasuredProperty.MASS, 1),
+    "light": (MeasuredProperty.MASS, -1),
+    "tall": (MeasuredProperty.HEIGHT, 1),
+    "high": (MeasuredProperty.HEIGHT, 1),
+    "short": (MeasuredProperty.HEIGHT, -1),
+    "low": (MeasuredProperty.HEIGHT, -1),
+    "wide": (MeasuredProperty.WIDTH, 1),
+    "narrow": (MeasuredProperty.WIDTH, -1),
+    "deep": (MeasuredProperty.DEPTH, 1),
+    "long": (MeasuredProperty.LENGTH, 1),
+    "large": (MeasuredProperty.VOLUME, 1),
+    "big": (MeasuredProperty.VOLUME, 1),
+    "small": (MeasuredProperty.VOLUME, -1),
+}
 _MEASURE_NOUNS = {"weight": "mass", "mass": "mass", "height": "height", "width": "width", "depth": "depth",
                   "length": "length", "volume": "volume"}  # fmt: skip
 _UNITS = {"kg": 1.0, "kilogram": 1.0, "kilograms": 1.0, "kilo": 1.0, "kilos": 1.0, "g": 0.001, "gram": 0.001,
@@ -250,7 +311,7 @@ class Has:
 class Comparison:
     """Being more, less or as much by a measure than things or a number."""
 
-    measure: Measure
+    measure: MeasuredProperty
     sign: int
     """1 for more, -1 for less, 0 for as much."""
     other: Phrase | None = None
@@ -266,7 +327,7 @@ class Comparison:
 class MeasuredBy:
     """The order of a superlative or of a measure."""
 
-    measure: Measure
+    measure: MeasuredProperty
     sign: int = 1
     adjective: str = ""
 
@@ -283,7 +344,7 @@ class Between:
 
 
 @dataclass(frozen=True, slots=True)
-class PartOf:
+class IsPartOf:
     """Being a part of a whole, at any depth."""
 
     whole: Phrase
@@ -336,7 +397,7 @@ class Joined:
 
 
 Predicate = (
-    Related | Opened | Stated | KindOf | Has | Comparison | Between | PartOf | BelongsTo | Supports | Negated | Joined
+    Related | Opened | Stated | KindOf | Has | Comparison | Between | IsPartOf | BelongsTo | Supports | Negated | Joined
 )
 
 
@@ -353,7 +414,7 @@ class WordedQuestion:
     """Questions for a yes or no that are joined; the other fields then say nothing."""
     operator: str = ""
 
-    def __str__(self) -> str:
+    def __str__(self) -> str:  # noqa: PLR0911 - one per form
         """The question as a sentence, which is understood as the same question."""
         if self.clauses:
             return f" {self.operator} ".join(str(each).rstrip("?") for each in self.clauses) + "?"
@@ -395,12 +456,12 @@ def names_nothing(question: WordedQuestion) -> bool:
 FindNoun = Callable[[str], Noun | None]
 
 
-class _NoReading(Exception):  # noqa: N818 - a branch of the parser, not an error
+class _NoReadingError(Exception):
     """The words from here are no phrase of this kind."""
 
 
 def sentence_words(sentence: str) -> list[str]:
-    """The words of a sentence in lower case, but not names such as blueBottle, without politeness and punctuation; contractions are whole words."""
+    """The words of a sentence without politeness and punctuation; in lower case, but not names such as blueBottle."""
     plain = re.sub(r"[\u2018\u2019]", "'", sentence.strip())
     chunks = [chunk.strip('"`\u201c\u201d«»\u201e.,;:!?()[]…') for chunk in plain.split()]
     chunks = [chunk if ":" in chunk or chunk[1:] != chunk[1:].lower() else chunk.lower() for chunk in chunks]
@@ -517,7 +578,7 @@ class _Parser:
         ):  # fmt: skip
             try:
                 question, end = rule()
-            except _NoReading:
+            except _NoReadingError:
                 continue
             if end == len(self.words):
                 yield question
@@ -533,7 +594,7 @@ class _Parser:
                 continue
             try:
                 phrase, at = self._phrase(at)
-            except _NoReading:
+            except _NoReadingError:
                 return None
             phrases.append((item[1:-1], phrase))
         return WordedCommand(skill, tuple(phrases), template, is_hypothetical) if at == len(self.words) else None
@@ -634,13 +695,13 @@ class _Parser:
         if self._is(("how",), 0):
             if self._is(("how much does", "how much do"), 0):
                 subject, at = self._phrase(3)
-                return WordedQuestion(Form.MEASURE, subject, None, MeasuredBy(Measure.MASS, 1, "heavy")), self._any(
-                    ("weigh",), at
-                )
+                return WordedQuestion(
+                    Form.MEASURE, subject, None, MeasuredBy(MeasuredProperty.MASS, 1, "heavy")
+                ), self._any(("weigh",), at)
             at = 1
             if self._is(("wide open", "far open", "open"), at):
                 at = self._any(("wide open", "far open", "open"), at)
-                order = MeasuredBy(Measure.OPENNESS, 1, "open")
+                order = MeasuredBy(MeasuredProperty.OPENNESS, 1, "open")
             else:
                 adjective = self._word(
                     at, {each for each, (_, sign) in _ADJECTIVES.items() if sign > 0} - {"big", "large"}
@@ -650,11 +711,11 @@ class _Parser:
             return WordedQuestion(Form.MEASURE, subject, None, order), at
         if self._is(("what does", "what do"), 0):
             subject, at = self._phrase(2)
-            return WordedQuestion(Form.MEASURE, subject, None, MeasuredBy(Measure.MASS, 1, "heavy")), self._any(
-                ("weigh",), at
-            )
+            return WordedQuestion(
+                Form.MEASURE, subject, None, MeasuredBy(MeasuredProperty.MASS, 1, "heavy")
+            ), self._any(("weigh",), at)
         at = self._any(("what is the",), 0)
-        measure = Measure(_MEASURE_NOUNS[self._word(at, _MEASURE_NOUNS)])
+        measure = MeasuredProperty(_MEASURE_NOUNS[self._word(at, _MEASURE_NOUNS)])
         subject, at = self._phrase(self._any(("of",), at + 1))
         adjective = next(each for each, (of, sign) in _ADJECTIVES.items() if of is measure and sign > 0)
         return WordedQuestion(Form.MEASURE, subject, None, MeasuredBy(measure, 1, adjective)), at
@@ -718,7 +779,7 @@ class _Parser:
     def _which(self) -> tuple[WordedQuestion, int]:
         at = self._any(("which of", "which", "what"), 0)
         if self._is(("can", "could"), at):  # the verb, not a can of beans
-            raise _NoReading
+            raise _NoReadingError
         subject, at = self._phrase(at)
         subject = self._bare(subject)
         for ending in ("are there", "is there", "do we have", "do you have", "does the kitchen have", "exist"):
@@ -726,7 +787,7 @@ class _Parser:
                 return WordedQuestion(Form.WHICH, subject), len(self.words)
         if self._is(("belongs to", "belong to"), at):
             whole, at = self._phrase(at + 2)
-            return WordedQuestion(Form.WHICH, subject, PartOf(whole)), at
+            return WordedQuestion(Form.WHICH, subject, IsPartOf(whole)), at
         if self._is(("is", "are"), at):
             predicate, at = self._predicate(self._any(("is", "are"), at))
             return WordedQuestion(Form.WHICH, subject, predicate), at
@@ -736,16 +797,16 @@ class _Parser:
     def _list(self) -> tuple[WordedQuestion, int]:
         if self._is(("what are the parts of",), 0):
             whole, at = self._phrase(5)
-            return WordedQuestion(Form.WHICH, Phrase("", None, Quantifier(""), plural=True), PartOf(whole)), at
+            return WordedQuestion(Form.WHICH, Phrase("", None, Quantifier(""), plural=True), IsPartOf(whole)), at
         at = self._skip(("list all", "list", "show all", "show", "name"), 0)
         if at == 0 and not self._is(("all", "every", "everything"), 0):
-            raise _NoReading
+            raise _NoReadingError
         subject, at = self._phrase(at)
         return WordedQuestion(Form.WHICH, self._bare(subject)), at
 
     def _fragment(self) -> tuple[WordedQuestion, int]:
         if not self._is(("any", "anything", "something"), 0):
-            raise _NoReading
+            raise _NoReadingError
         subject, at = self._phrase(0)
         predicate, at = self._optional_predicate(at)
         return WordedQuestion(Form.TRUTH, self._indefinite(subject), predicate), at
@@ -755,7 +816,7 @@ class _Parser:
     def _optional_predicate(self, at: int) -> tuple[Predicate | None, int]:
         try:
             return self._predicate(at)
-        except _NoReading:
+        except _NoReadingError:
             return None, at
 
     def _predicate(self, at: int, *, kinds: bool = True) -> tuple[Predicate, int]:
@@ -765,7 +826,7 @@ class _Parser:
             try:
                 after = at + 1 + self._is(("is", "are"), at + 1)
                 following, end = self._single(after, kinds=False)
-            except _NoReading:
+            except _NoReadingError:
                 break
             operator = self.words[at]
             parts.append(following)
@@ -792,15 +853,15 @@ class _Parser:
                 return Has(other, verb), at
         if self._is(("part of", "a part of", "parts of"), at):
             whole, at = self._phrase(self._any(("part of", "a part of", "parts of"), at))
-            return PartOf(whole), at
+            return IsPartOf(whole), at
         try:
             return self._comparison(at)
-        except _NoReading:
+        except _NoReadingError:
             pass
         try:
             relation, after = self._relation(at)
             other, after = self._phrase(after)
-        except _NoReading:
+        except _NoReadingError:
             pass
         else:
             return Related(relation, other), after
@@ -809,7 +870,7 @@ class _Parser:
         if kinds:
             kind, at = self._phrase(at)
             return KindOf(self._bare(kind)), at
-        raise _NoReading
+        raise _NoReadingError
 
     def _comparison(self, at: int) -> tuple[Predicate, int]:
         if self._is(("as",), at):
@@ -825,7 +886,7 @@ class _Parser:
         other, at = self._phrase(at)
         return Comparison(measure, sign, other, None, adjective), at
 
-    def _quantity(self, at: int, measure: Measure) -> tuple[float | None, int]:
+    def _quantity(self, at: int, measure: MeasuredProperty) -> tuple[float | None, int]:
         """A number with the unit of a measure; None if there is none."""
         text = self.words[at] if at < len(self.words) else ""
         match = re.fullmatch(r"(\d+(?:\.\d+)?)([a-z]*)", text)
@@ -833,7 +894,7 @@ class _Parser:
         if not unit and after < len(self.words):
             unit, after = self.words[after], after + 1
         number = the_number(digits)
-        if number is None or unit not in _UNITS or (unit in _MASS_UNITS) is not (measure is Measure.MASS):
+        if number is None or unit not in _UNITS or (unit in _MASS_UNITS) is not (measure is MeasuredProperty.MASS):
             return None, at
         return number * _UNITS[unit], after
 
@@ -844,16 +905,16 @@ class _Parser:
             return Negated(inner), at
         if self._is(("weighs more than", "weigh more than", "weighs less than", "weigh less than"), at):
             sign = 1 if self.words[at + 1] == "more" else -1
-            number, end = self._quantity(at + 3, Measure.MASS)
+            number, end = self._quantity(at + 3, MeasuredProperty.MASS)
             adjective = "heavy" if sign > 0 else "light"
             if number is not None:
-                return Comparison(Measure.MASS, sign, None, number, adjective), end
+                return Comparison(MeasuredProperty.MASS, sign, None, number, adjective), end
             other, at = self._phrase(at + 3)
-            return Comparison(Measure.MASS, sign, other, None, adjective), at
+            return Comparison(MeasuredProperty.MASS, sign, other, None, adjective), at
         if self._is(_VERBS, at):
             predicate, at = self._single(at + 1, kinds=False)
             if not isinstance(predicate, Related | Between):
-                raise _NoReading
+                raise _NoReadingError
             return predicate, at
         verb, at = self._verb(at, (*_CONTAIN, "has", "have"))
         other, at = self._phrase(at)
@@ -866,7 +927,7 @@ class _Parser:
             for text in texts:
                 if self._is((text,), at):
                     return relation, at + len(text.split())
-        raise _NoReading
+        raise _NoReadingError
 
     def _verb(self, at: int, verbs: Sequence[str]) -> tuple[str, int]:
         word = self._word(at, verbs)
@@ -880,7 +941,7 @@ class _Parser:
         while joined and self._is(("and", "or"), at) and operator in {"", self.words[at]}:
             try:
                 following, end = self._single_phrase(at + 1)
-            except _NoReading:
+            except _NoReadingError:
                 break
             if self._is(("is", "are"), at + 1):
                 break
@@ -913,7 +974,7 @@ class _Parser:
                 return phrase, at
             phrase, at = replace(phrase, restrictions=(*phrase.restrictions, restriction)), end
 
-    def _quantifier(self, at: int) -> tuple[Quantifier, int]:
+    def _quantifier(self, at: int) -> tuple[Quantifier, int]:  # noqa: PLR0911 - one per kind
         for texts, word in (
             (("all of the", "all the", "all of", "all", "every", "each of the", "each"), "all"),
             (("none of the", "none of", "no"), "no"), (("both of the", "both the", "both"), "both"),
@@ -922,13 +983,19 @@ class _Parser:
             for text in texts:
                 if self._is((text,), at):
                     return Quantifier(word), self._skip(tuple(_ARTICLES), at + len(text.split()))
-        for text, word in (("at least", "at least"), ("at most", "at most"), ("more than", "more than"),
-                           ("less than", "fewer than"), ("fewer than", "fewer than"), ("exactly", "exactly")):  # fmt: skip
+        for text, word in (
+            ("at least", "at least"),
+            ("at most", "at most"),
+            ("more than", "more than"),
+            ("less than", "fewer than"),
+            ("fewer than", "fewer than"),
+            ("exactly", "exactly"),
+        ):
             after = at + len(text.split())
             if self._is((text,), at) and after < len(self.words):
                 number = the_number(self.words[after])
                 if number is None or not number.is_integer():
-                    raise _NoReading
+                    raise _NoReadingError
                 return Quantifier(word, int(number)), after + 1
         if at < len(self.words) - 1 and (number := the_number(self.words[at])) is not None and number.is_integer():
             return Quantifier("at least", int(number)), at + 1
@@ -964,7 +1031,7 @@ class _Parser:
             if noun is not None:
                 plural = is_plural(self.words[end - 1])
                 return text, noun.of(plural=plural), plural, end
-        raise _NoReading
+        raise _NoReadingError
 
     def _restriction(self, at: int) -> tuple[Predicate | None, int]:
         """What follows a noun and restricts it, where it cannot be the predicate of the sentence."""
@@ -978,12 +1045,12 @@ class _Parser:
                 return Has(self._existential(other), "have"), at
             if self._is(("of the", "of a"), at):
                 whole, at = self._phrase(at + 1)
-                return PartOf(whole), at
+                return IsPartOf(whole), at
             if self._has_predicate_after(at):
                 relation, after = self._relation(at)
                 other, after = self._phrase(after, joined=False)
                 return Related(relation, other), after
-        except _NoReading:
+        except _NoReadingError:
             pass
         return None, at
 
@@ -994,7 +1061,7 @@ class _Parser:
         try:
             _, after = self._relation(at)
             _, after = self._single_phrase(after)
-        except _NoReading:
+        except _NoReadingError:
             return False
         rest = self.words[after:]
         opens_list = self.words[0] in {
@@ -1013,10 +1080,30 @@ class _Parser:
         is_extreme = any(word in _SUPERLATIVES for word in self.words[:at]) and not rest
         is_list = self.words[0] in {"list", "show", "all", "everything"} and not rest
         begins_predicate = bool(rest) and (
-            rest[0] in {"is", "are", "open", "closed", "shut", "weigh", "weighs", "not", "as", "than", "from", "to", "contain",
-                        "contains", "do", "does", *_STATED, *_COMPARATIVES, *_POSTURES}
+            rest[0]
+            in {
+                "is",
+                "are",
+                "open",
+                "closed",
+                "shut",
+                "weigh",
+                "weighs",
+                "not",
+                "as",
+                "than",
+                "from",
+                "to",
+                "contain",
+                "contains",
+                "do",
+                "does",
+                *_STATED,
+                *_COMPARATIVES,
+                *_POSTURES,
+            }
             or any(self._is((text,), after) for texts in _RELATIONS.values() for text in texts)
-        )  # fmt: skip
+        )
         return is_asked or is_extreme or is_list or (opens_list and begins_predicate)
 
     # -- words ---------------------------------------------------------------------------------------------------------
@@ -1027,7 +1114,7 @@ class _Parser:
         if phrase.parts:
             return replace(phrase, parts=tuple(map(_Parser._bare, phrase.parts)))
         if phrase.quantifier.word in {"no", "both"} or phrase.quantifier.number is not None:
-            raise _NoReading
+            raise _NoReadingError
         return replace(phrase, quantifier=Quantifier(""))
 
     @staticmethod
@@ -1051,7 +1138,7 @@ class _Parser:
         """The place after the longest of some texts that stands here."""
         after = self._skip(texts, at)
         if after == at:
-            raise _NoReading
+            raise _NoReadingError
         return after
 
     def _skip(self, texts: Sequence[str], at: int) -> int:
@@ -1061,4 +1148,4 @@ class _Parser:
     def _word(self, at: int, known: object) -> str:
         if at < len(self.words) and self.words[at] in known:  # type: ignore[operator]
             return self.words[at]
-        raise _NoReading
+        raise _NoReadingError

@@ -583,7 +583,7 @@ def _bundled_synonyms() -> tuple[tuple[Iri, str], ...]:
     """The synonyms of classes that come with the package; an ontology adds others by `skos:altLabel`."""
     text = files("mindstage.maps").joinpath("bundled/synonyms.ttl").read_bytes()
     quads = ox.parse(text, format=ox.RdfFormat.TURTLE)
-    return tuple((Iri(str(quad.subject.value)), str(quad.object.value)) for quad in quads)  # type: ignore[union-attr]
+    return tuple((Iri(str(quad.subject.value)), str(quad.object.value)) for quad in quads)
 
 
 @lru_cache(maxsize=8192)

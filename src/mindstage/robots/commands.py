@@ -23,8 +23,8 @@ from mindstage.scene import Iri
 
 __all__ = ["UnderstoodCommand", "understand_command"]
 
-_MAX_READINGS = 5
-_MAX_LENGTH = 200
+_MAX_CHARACTERS = 200
+"""The maximum length of a command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,8 @@ def understand_command(kb: QuestionContext, sentence: str, *, present: StateAcce
         AmbiguousSentenceError: it may mean several things.
     """
     now = present or StateAccess(kb)
-    if len(sentence) > _MAX_LENGTH:
-        raise SentenceNotUnderstoodError(sentence, cause=f"it has more than {_MAX_LENGTH} characters")
+    if len(sentence) > _MAX_CHARACTERS:
+        raise SentenceNotUnderstoodError(sentence, cause=f"it has more than {_MAX_CHARACTERS} characters")
     specs = skill_specs()
     templates = [(name, wording) for name, spec in specs.items() for wording in spec.wordings]
     with kb.lock:
@@ -82,7 +82,7 @@ def understand_command(kb: QuestionContext, sentence: str, *, present: StateAcce
     if len(found) > 1:
         raise AmbiguousSentenceError(sentence, candidates=tuple(found))
     if not found:
-        verb = sentence.split()[0] if sentence.split() else ""
+        verb = sentence.split(maxsplit=1)[0] if sentence.split() else ""
         cause = "it is no command that a skill declares, or a word is unknown"
         near = tuple(sorted({wording.partition(" ")[0] for _, wording in templates}))
         raise SentenceNotUnderstoodError(

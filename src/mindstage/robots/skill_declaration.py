@@ -330,6 +330,7 @@ def skill(
         needs: what a robot must have to perform it.
         alternatives: groups of parameters of which exactly one has to be given.
         name: its name; by default that of the function.
+        wordings: sentences that command it; each argument in them is in braces.
     """
 
     def declare(function: Callable[..., SkillMotion]) -> Skill:

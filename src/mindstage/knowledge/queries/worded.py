@@ -1,4 +1,4 @@
-"""Questions in words: the operators of `mindstage.knowledge.grammar`, evaluated on the answers of the other questions."""
+"""Questions in words: the operators of `mindstage.knowledge.grammar`, evaluated on the answers of other questions."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from mindstage.knowledge.grammar import (
     Comparison,
     Form,
     Has,
+    IsPartOf,
     Joined,
     KindOf,
-    Measure,
     MeasuredBy,
+    MeasuredProperty,
     Negated,
     Opened,
-    PartOf,
     Phrase,
     Predicate,
     Quantifier,
@@ -53,6 +53,7 @@ __all__ = ["WordedRow", "in_words"]
 _MAX_NAMED = 12
 """The number of individuals that a sentence names; the others are counted."""
 _EQUAL = 1e-6
+"""The relative difference below which two values are equal."""
 _COUNTS: Mapping[str, Callable[[int, int], bool]] = {
     "at least": ge, "at most": le, "more than": gt, "fewer than": lt, "exactly": eq,
 }  # fmt: skip
@@ -287,7 +288,9 @@ class Evaluation:
     def _matching(self, subject: Phrase, predicate: Predicate | None) -> list[Iri]:
         return [each for each in self.members(subject) if self._holds(predicate, each)]
 
-    def _holds_for(self, phrase: Phrase, predicate: Predicate | None) -> tuple[bool | None, list[Iri]]:
+    def _holds_for(  # noqa: PLR0911 - one per quantifier
+        self, phrase: Phrase, predicate: Predicate | None
+    ) -> tuple[bool | None, list[Iri]]:
         """Whether a predicate holds for as many as a phrase says, and the individuals that decide it."""
         if phrase.parts:
             results = [self._holds_for(each, predicate) for each in phrase.parts]
@@ -332,7 +335,7 @@ class Evaluation:
 
     # -- predicates ----------------------------------------------------------------------------------------------------
 
-    def _holds(self, predicate: Predicate | None, thing: Iri) -> bool | None:  # noqa: PLR0911, C901 - one per predicate
+    def _holds(self, predicate: Predicate | None, thing: Iri) -> bool | None:  # noqa: PLR0911, PLR0912 - one per predicate
         match predicate:
             case None:
                 return True
@@ -360,7 +363,7 @@ class Evaluation:
                 return self._holds_for(other, _Is(self._owned(thing, verb)))[0]  # type: ignore[arg-type]
             case BelongsTo(whole, verb):
                 return any(thing in self._owned(each, verb) for each in self.members(whole))
-            case PartOf(whole):
+            case IsPartOf(whole):
                 return any(thing in self._parts_of(each) for each in self.members(whole))
             case Between(one, other):
                 return any(
@@ -417,7 +420,7 @@ class Evaluation:
         for relation in _CONTAINED:
             places = self._related(relation).get(thing, set())
             if places:
-                inner = sorted(places, key=lambda each: (self._value(each, Measure.VOLUME) or 0.0, each))
+                inner = sorted(places, key=lambda each: (self._value(each, MeasuredProperty.VOLUME) or 0.0, each))
                 return relation, inner[0]
         return "part of", next((whole for whole, parts in self._parts.items() if thing in parts), None)
 
@@ -473,19 +476,19 @@ class Evaluation:
         rows = distance.ask(self._kb, {"thing": one, "other": other}, present=self._present)
         return rows[0].gap if rows else None
 
-    def _value(self, thing: Iri, measure: Measure) -> float | None:
+    def _value(self, thing: Iri, measure: MeasuredProperty) -> float | None:
         """A measure of a thing in its unit; None if it is not stated."""
-        if measure is Measure.OPENNESS:
+        if measure is MeasuredProperty.OPENNESS:
             return self._openness.get(thing)
         body = self._bodies.get(thing)
         if body is None:
             return None
-        if measure is Measure.MASS:
+        if measure is MeasuredProperty.MASS:
             return body.physics.mass_kg or None
         if body.size is None:
             return None
         depth, width, height = body.size
-        if measure is Measure.HEIGHT:
+        if measure is MeasuredProperty.HEIGHT:
             parts = [self._bodies[each] for each in self._parts.get(thing, ()) if each in self._bodies]
             heights = [
                 (each.pose.position[2] - each.size[2] / 2, each.pose.position[2] + each.size[2] / 2)
@@ -493,7 +496,7 @@ class Evaluation:
                 if each.size is not None
             ]
             return round(max(top for _, top in heights) - min(bottom for bottom, _ in heights), 6)
-        values = {Measure.WIDTH: width, Measure.DEPTH: depth, Measure.LENGTH: max(body.size)}
+        values = {MeasuredProperty.WIDTH: width, MeasuredProperty.DEPTH: depth, MeasuredProperty.LENGTH: max(body.size)}
         return values.get(measure, depth * width * height)
 
 
@@ -545,7 +548,7 @@ def _names(things: Sequence[Iri]) -> str:
     return " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
 
 
-def _shown(value: float | None, measure: Measure) -> str:
+def _shown(value: float | None, measure: MeasuredProperty) -> str:
     if value is None:
         return "unknown, it is not stated"
-    return f"{value:.0%}" if measure is Measure.OPENNESS else f"{value:.4g} {measure.unit}"
+    return f"{value:.0%}" if measure is MeasuredProperty.OPENNESS else f"{value:.4g} {measure.unit}"
