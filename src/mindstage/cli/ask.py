@@ -444,7 +444,9 @@ def ask(
         knowledge = knowledge_with_episodes(
             maps or [], reading, recorded, store=store, endpoint=endpoint, closure=closure
         )
-    resolved, named, notes = asked or _understood(knowledge, sentence)
+    resolved, named, notes = asked or _understood(
+        knowledge, sentence, is_past=bool(when or recorded.episode or recorded.episodes)
+    )
     has_rows = rows or why or not sentence
     print_answers = partial(_print_result, knowledge, notes, rows=has_rows, why=why, as_json=as_json)
     if run is None:
@@ -515,12 +517,12 @@ def _question_with_args(question: str, args: list[str]) -> AskedQuestion:
     return resolved, named_args(resolved, args), ()
 
 
-def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
+def _understood(knowledge: KnowledgeBase, sentence: str, *, is_past: bool) -> AskedQuestion:
     from mindstage.errors import SentenceNotUnderstoodError
     from mindstage.knowledge.sentences import understand
 
     try:
-        understood = understand(knowledge, sentence)
+        understood = understand(knowledge, sentence, is_past=is_past)
     except SentenceNotUnderstoodError:
         _point_to_do(knowledge, sentence)
         raise

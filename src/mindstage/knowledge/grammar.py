@@ -22,7 +22,9 @@ from mindstage.knowledge.names import Noun, is_plural
 from mindstage.scene import Iri
 
 __all__ = [
+    "EXAMPLE_FORMS",
     "FUTURE_WORDS",
+    "GRAMMAR_WORDS",
     "IGNORED_WORDS",
     "OPERATORS",
     "PAST_WORDS",
@@ -60,6 +62,7 @@ IGNORED_WORDS = frozenset(
 """Words that change no answer. None is a quantifier, negation, number, comparison, tense or preposition."""
 PAST_WORDS = frozenset(("was", "were", "did", "had", "been", "yesterday", "ago", "earlier", "before"))
 """Words of the past, which only questions about recordings have."""
+_PRESENT = {"was": "is", "were": "are"}
 FUTURE_WORDS = frozenset(("will", "would", "tomorrow", "later", "soon"))
 """Words of what may happen, which only questions that imagine have."""
 OPERATORS = frozenset(
@@ -155,6 +158,17 @@ _NEVER_IN_NOUNS = (
 """Words that end a noun."""
 
 
+EXAMPLE_FORMS = (
+    "where is <thing>", "is <thing> in <place>", "is <thing> on <place>", "is <thing> open", "are all <things> closed",
+    "is there <thing> in <place>", "do we have <thing>", "which <things> are in <place>", "which <things> are open",
+    "what is in <place>", "what is on <place>", "how many <things> are there", "how many <things> are in <place>",
+    "how heavy is <thing>", "how tall is <thing>", "how far is <thing> from <other>", "is <thing> heavier than <other>",
+    "which <thing> is the heaviest", "which <thing> is the nearest to <other>", "are there more <things> than <others>",
+    "what are the parts of <thing>", "list <things>",
+)  # fmt: skip
+"""Questions that the grammar covers, of which the nearest are shown for a sentence that it does not."""
+
+
 class MeasuredProperty(StrEnum):
     """What individuals are measured by."""
 
@@ -203,6 +217,37 @@ def _inflected(adjective: str, ending: str) -> str:
 
 _COMPARATIVES = {_inflected(each, "er"): each for each in _ADJECTIVES}
 _SUPERLATIVES = {_inflected(each, "est"): each for each in _ADJECTIVES}
+
+
+GRAMMAR_WORDS = frozenset(
+    {
+        *_NEVER_IN_NOUNS,
+        *_GENERAL,
+        *_ADJECTIVES,
+        *_COMPARATIVES,
+        *_SUPERLATIVES,
+        *_MEASURE_NOUNS,
+        *_UNITS,
+        *_STATED,
+        *_NUMBERS,
+    }
+    | {
+        "open",
+        "opened",
+        "closed",
+        "shut",
+        "nearest",
+        "closest",
+        "weigh",
+        "weighs",
+        "parts",
+        "part",
+        "list",
+        "find",
+        "count",
+    }
+)
+"""Words that have a meaning in the grammar."""
 
 
 class Form(StrEnum):
@@ -292,7 +337,7 @@ class KindOf:
     kind: Phrase
 
     def __str__(self) -> str:
-        return str(self.kind)
+        return str(self.kind if self.kind.plural or self.kind.parts else f"a {self.kind}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -427,6 +472,8 @@ class WordedQuestion:
             case Form.WHICH:
                 return f"which {subject} {be}{rest}?" if self.predicate else f"list {subject}."
             case Form.COUNT:
+                if isinstance(self.predicate, BelongsTo):
+                    return f"how many {subject} does {self.predicate.whole} {self.predicate.verb}?"
                 return f"how many {subject} are{rest or ' there'}?"
             case Form.WHERE:
                 return f"where {be} {subject}?"
@@ -487,7 +534,11 @@ def the_number(text: str) -> float | None:
 
 
 def parse_sentence(
-    sentence: str, find_noun: FindNoun, is_map: Callable[[str], bool] = lambda text: False
+    sentence: str,
+    find_noun: FindNoun,
+    is_map: Callable[[str], bool] = lambda text: False,
+    *,
+    is_past: bool = False,
 ) -> list[WordedQuestion]:
     """All different readings of a sentence as a question; none if the grammar does not cover it.
 
@@ -495,12 +546,15 @@ def parse_sentence(
         sentence: what was asked.
         find_noun: what the words of a noun stand for.
         is_map: whether a noun names the only map, in which everything is.
+        is_past: whether a time of a recording is asked about, so that "was" is meant.
     """
-    words = sentence_words(sentence)
+    words = [_PRESENT.get(word, word) if is_past else word for word in sentence_words(sentence)]
     if not words or (PAST_WORDS | FUTURE_WORDS) & {*words}:
         return []
     if words[-3:-1] in (["in", "the"], ["in", "this"], ["in", "our"], ["in", "my"]) and is_map(words[-1]):
         words = words[:-3]
+    elif words[-2:-1] == ["in"] and is_map(words[-1]):
+        words = words[:-2]
     parser = _Parser(words, find_noun)
     return list(dict.fromkeys(parser.questions()))
 
@@ -543,6 +597,8 @@ def parse_command(
     words = words[next((len(each) for each in _POLITE if words[: len(each)] == each), 0) :]
     if words[-3:-1] in (["in", "the"], ["in", "this"]) and is_map(words[-1]):
         words = words[:-3]
+    elif words[-2:-1] == ["in"] and is_map(words[-1]):
+        words = words[:-2]
     parser = _Parser(words, find_noun)
     found = (parser.command(skill, template, is_hypothetical) for skill, template in templates)
     return list(dict.fromkeys(each for each in found if each is not None))
@@ -833,7 +889,7 @@ class _Parser:
             at = end
         return (Joined(tuple(parts), operator), at) if len(parts) > 1 else (first, at)
 
-    def _single(self, at: int, *, kinds: bool = True) -> tuple[Predicate, int]:  # noqa: PLR0911 - one per predicate
+    def _single(self, at: int, *, kinds: bool = True) -> tuple[Predicate, int]:  # noqa: PLR0911, PLR0912 - one per predicate
         if self._is(("not",), at):
             inner, at = self._single(at + 1, kinds=kinds)
             return Negated(inner), at
@@ -847,6 +903,10 @@ class _Parser:
             one, at = self._phrase(at + 1, joined=False)
             other, at = self._phrase(self._any(("and",), at), joined=False)
             return Between(one, other), at
+        if self._is(("with",), at):
+            other, at = self._phrase(at + 1)
+            relation, at = self._relation(at)
+            return Supports(relation, other), self._any(("it",), at)
         for verb, participle in (("contain", "containing"), ("hold", "holding"), ("have", "having")):
             if self._is((participle,), at):
                 other, at = self._phrase(at + 1)

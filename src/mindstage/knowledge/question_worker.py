@@ -223,7 +223,9 @@ class _QuestionProcess:
         kb, state = self._knowledge, self._state
         time, args = time_arguments(request.args, declared=argument_names(request.question))
         present = _TransferredState(kb, None if state is None else lambda: state)
-        question, known, notes = resolve_question(kb, request.question, args, find_body=present.find_individual)
+        question, known, notes = resolve_question(
+            kb, request.question, args, find_body=present.find_individual, is_past=time != NOW
+        )
         if time != NOW or question.about_past or question.imagines:
             raise _ElsewhereError
         answers = question.ask(kb, known, present=present, notes=notes)

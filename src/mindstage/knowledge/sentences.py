@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from enum import Enum
 from functools import lru_cache, partial
 from itertools import islice, product
@@ -28,7 +28,9 @@ from typing import Any
 
 from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
 from mindstage.knowledge.grammar import (
+    EXAMPLE_FORMS,
     FUTURE_WORDS,
+    GRAMMAR_WORDS,
     IGNORED_WORDS,
     OPERATORS,
     PAST_WORDS,
@@ -255,13 +257,16 @@ def is_sentence(text: str) -> bool:
     return stripped.endswith("?") or any(char.isspace() for char in stripped)
 
 
-def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None = None) -> Understanding:
+def understand(
+    kb: QuestionContext, sentence: str, *, find_body: FindBody | None = None, is_past: bool = False
+) -> Understanding:
     """Maps a plain sentence to a question.
 
     Args:
         kb: the knowledge base with the names.
         sentence: a sentence of at most `MAX_LENGTH` characters.
         find_body: finds the IRI of a body by its id, for bodies without a map.
+        is_past: whether a time of a recording is asked about, in the past tense or the present.
 
     Raises:
         SentenceNotUnderstoodError: no question is put like this, or a name is unknown.
@@ -269,14 +274,19 @@ def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None
     """
     tokens = _checked_tokens(sentence)
     with kb.lock:
-        worded = parse_sentence(sentence, partial(find_noun, kb, find_body), partial(is_only_map, kb))
+        worded = parse_sentence(sentence, partial(find_noun, kb, find_body), partial(is_only_map, kb), is_past=is_past)
         if len(worded) > 1:
             raise AmbiguousSentenceError(sentence, candidates=tuple(map(str, worded)))
         matcher = _Matcher(kb, sentence, tokens, find_body)
         may_be_declared = not worded or names_nothing(worded[0])  # such as "which room", if no map has rooms
         readings = list(matcher.readings()) if may_be_declared else []
         if worded and not readings:
-            return Understanding(sentence, get_question(_WORDED), {"text": sentence}, (), str(worded[0]))
+            return Understanding(
+                sentence, get_question(_WORDED), {"text": str(worded[0]) if is_past else sentence}, (), str(worded[0])
+            )
+        if not readings and PAST_WORDS & {*sentence_words(sentence)}:
+            cause = "it is about the past, and is none of the questions about recordings (--episode)"
+            raise SentenceNotUnderstoodError(sentence, cause=cause, questions=matcher.not_understood().questions)
         if not readings:
             raise matcher.not_understood()
     best = min(each.rank for each in readings)
@@ -299,6 +309,7 @@ def resolve_question(
     *,
     positional: Sequence[object] = (),
     find_body: FindBody | None = None,
+    is_past: bool = False,
 ) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
     """The question that a name or a plain sentence refers to, its arguments, and how a sentence was understood.
 
@@ -308,6 +319,7 @@ def resolve_question(
         args: arguments that are given by name, which supersede those of a sentence.
         positional: arguments in the order of the question.
         find_body: see `understand`.
+        is_past: see `understand`.
 
     Raises:
         QuestionNotFoundError: no question has that name.
@@ -317,7 +329,7 @@ def resolve_question(
     if not isinstance(question, str) or not is_sentence(question):
         declared = get_question(question) if isinstance(question, str) else question
         return declared, declared.bind(positional, args), ()
-    understood = understand(kb, question, find_body=find_body)
+    understood = understand(kb, question, find_body=find_body, is_past=is_past)
     given = understood.question.bind(positional, args)
     return understood.question, {**understood.args, **given}, understood.notes
 
@@ -503,7 +515,10 @@ class _Matcher:
                 yield _Reading(question, pattern.constants, slots, weight)
 
     def not_understood(self) -> SentenceNotUnderstoodError:
-        """Why there is no reading: the unknown name in the nearest wording, or the unknown words."""
+        """Why there is no reading: the unknown words, or the unknown name in the nearest wording."""
+        by_words = self._unknown_wording()
+        if by_words.unknown:
+            return by_words
         failures: list[tuple[int, int, int, list[tuple[QuestionArgument, _Span]], SentencePattern, Question[Any]]] = []
         for question, pattern in self._possible_patterns():
             for spans in islice(self._matches(pattern.items, 0, 0, known_only=False), _MAX_CANDIDATES):
@@ -523,11 +538,15 @@ class _Matcher:
             near = tuple(dict.fromkeys(names))[:_MAX_NEAREST_NAMES]
             asked = f"{question.name}: {pattern.text()}"
             return SentenceNotUnderstoodError(self._sentence, unknown=phrases, names=near, questions=(asked,))
-        return self._unknown_wording()
+        return by_words
 
     def _unknown_wording(self) -> SentenceNotUnderstoodError:
         patterns = [(question, pattern) for question in list_questions() for pattern in sentence_patterns(question)]
         vocabulary = {word for _, pattern in patterns for word in pattern.words}
+        forms = {form: {_same_word(word) for word in form.split() if word[0] != "<"} for form in EXAMPLE_FORMS}
+        vocabulary |= (
+            {word for words in forms.values() for word in words} | OPERATORS | {*map(_same_word, GRAMMAR_WORDS)}
+        )
         unknown = [
             word
             for word in dict.fromkeys(self._words)
@@ -541,10 +560,18 @@ class _Matcher:
             score = (-shared / len(pattern.words | words), len(pattern.items), f"{question.name}: {pattern.text()}")
             if shared and score < nearest.get(question.name, (1.0, 0, "")):
                 nearest[question.name] = score
+        for form, own in forms.items():
+            shared = len(own & words)
+            score = (-shared / len(own | words), len(form.split()), form)
+            if shared:
+                nearest[form] = score
         names = [
             name
             for word in unknown[:_NEAREST]
-            for name in (*meant[word], *self._kb.names.nearest(word, EntityType.VALUE, limit=2))
+            for name in sorted(
+                (*meant[word], *self._kb.names.nearest(word, EntityType.VALUE, limit=2)),
+                key=lambda each: -SequenceMatcher(None, word, each.lower()).ratio(),
+            )
         ]
         return SentenceNotUnderstoodError(
             self._sentence,

@@ -83,7 +83,8 @@ def understand_command(kb: QuestionContext, sentence: str, *, present: StateAcce
         raise AmbiguousSentenceError(sentence, candidates=tuple(found))
     if not found:
         verb = sentence.split(maxsplit=1)[0] if sentence.split() else ""
-        cause = "it is no command that a skill declares, or a word is unknown"
+        is_verb = any(wording.split()[0] == verb for _, wording in templates)
+        cause = "not every word of it is part of a command" if is_verb else f"there is no skill {verb!r}"
         near = tuple(sorted({wording.partition(" ")[0] for _, wording in templates}))
         raise SentenceNotUnderstoodError(
             sentence, cause=f"{cause}; {suggestion(verb, near)}", questions=_nearest(sentence, templates)

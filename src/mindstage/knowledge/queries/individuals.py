@@ -565,7 +565,6 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "how many things are in {map}",
         "what does {map} contain in numbers",
         "how big is the map {map}",
         "how many (joints|individuals) are there",

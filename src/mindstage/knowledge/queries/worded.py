@@ -48,7 +48,7 @@ from mindstage.rdf.graphs import local_name
 from mindstage.scene import Body, Iri
 from mindstage.scene.display import counted
 
-__all__ = ["WordedRow", "in_words"]
+__all__ = ["Evaluation", "WordedRow", "in_words", "read_question"]
 
 _MAX_NAMED = 12
 """The number of individuals that a sentence names; the others are counted."""
@@ -87,12 +87,20 @@ def in_words(kb: QuestionContext, text: str | None = None, *, present: StateAcce
         in_words "are all drawers closed?"
         in_words "how many plates are on the table?"
     """
-    readings = parse_sentence(text or "", partial(find_noun, kb, present.find_individual), partial(is_only_map, kb))
-    if len(readings) != 1:
-        raise SentenceNotUnderstoodError(text or "", cause="it has no reading, or several")
-    result = Evaluation(kb, present).answer(readings[0])
+    asked = read_question(kb, text or "", present.find_individual)
+    if asked is None:
+        raise SentenceNotUnderstoodError(text or "", cause="the grammar has no reading of it, or several")
+    result = Evaluation(kb, present).answer(asked)
     present.memo["conclusion",] = Conclusion(result.sentence, result.truth)
     yield from result.rows
+
+
+def read_question(
+    kb: QuestionContext, text: str, find_body: Callable[[str], Iri | None] | None = None
+) -> WordedQuestion | None:
+    """The question that a text is by the grammar; None if it is none, or may be several."""
+    readings = parse_sentence(text, partial(find_noun, kb, find_body), partial(is_only_map, kb))
+    return readings[0] if len(readings) == 1 else None
 
 
 @dataclass(frozen=True, slots=True)
