@@ -21,7 +21,8 @@ from mindstage.knowledge.questions import QuestionContext
 from mindstage.knowledge.sentences import MAX_LENGTH, SentencePattern, is_sentence, sentence_patterns, understand
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
-from mindstage.scene import Iri, Pose
+from mindstage.scene import BodyId, Iri, Pose
+from mindstage.scene.edits import SetPoses
 from tests.cases import each_case
 from tests.maps.small_maps import ROOM_NAMESPACE, body_turtle, room_map
 
@@ -288,7 +289,8 @@ def test_a_sentence_about_the_current_state_uses_the_simulation(kitchen: Knowled
     with Simulation(kitchen, NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn()
         assert simulation.ask("is milk_carton_1 in the fridge?").conclusion.truth is True
-        simulation.move_body("milk_carton_1", Pose((0.0, 0.0, 1.5)))
+        poses = SetPoses({BodyId("milk_carton_1"): Pose((0.0, 0.0, 1.5))})
+        simulation.engine.run(lambda engine: engine.apply(poses))
         assert simulation.ask("is milk_carton_1 in the fridge?").conclusion.truth is False
 
 

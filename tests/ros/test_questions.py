@@ -190,7 +190,7 @@ def test_a_plain_sentence_is_a_question(call: Call) -> None:
     reply = call("/mindstage/ask", question="where is the Mug?")
     answers = json.loads(reply["answers"])
     assert answers["question"] == "in_words"
-    assert answers["notes"] == ["understood: where is the Mug?"]
+    assert answers["notes"] == ["understood: where is the mug?"]
     assert answers["sentence"].endswith(" on Cupboard.")
     assert {row["other"].rpartition("#")[2] for row in answers["answers"]} == {"Cupboard"}
 

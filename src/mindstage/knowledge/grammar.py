@@ -15,8 +15,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
+
+import msgspec
+from msgspec.structs import replace
 
 from mindstage.knowledge.names import Noun, is_plural
 from mindstage.scene import Iri
@@ -264,8 +267,7 @@ class Form(StrEnum):
     MORE = "more"
 
 
-@dataclass(frozen=True, slots=True)
-class Quantifier:
+class Quantifier(msgspec.Struct, frozen=True):
     """How many of a set a predicate must hold for."""
 
     word: str
@@ -276,8 +278,7 @@ class Quantifier:
         return self.word if self.number is None else f"{self.word} {self.number}"
 
 
-@dataclass(frozen=True, slots=True)
-class Phrase:
+class Phrase(msgspec.Struct, frozen=True):
     """A noun phrase: a set of individuals, of which a predicate holds for as many as the quantifier says."""
 
     text: str
@@ -299,8 +300,7 @@ class Phrase:
         return described if not self.quantifier.word else f"{self.quantifier} {described}"
 
 
-@dataclass(frozen=True, slots=True)
-class Related:
+class Related(msgspec.Struct, frozen=True):
     """A spatial relation to things."""
 
     relation: str
@@ -310,8 +310,7 @@ class Related:
         return f"{'in' if self.relation == 'inside' else self.relation.replace('_', ' ')} {self.other}"
 
 
-@dataclass(frozen=True, slots=True)
-class Opened:
+class Opened(msgspec.Struct, frozen=True):
     """Being open or closed."""
 
     state: str
@@ -320,8 +319,7 @@ class Opened:
         return self.state
 
 
-@dataclass(frozen=True, slots=True)
-class Stated:
+class Stated(msgspec.Struct, frozen=True):
     """A state that must be asserted, such as clean."""
 
     state: str
@@ -330,8 +328,7 @@ class Stated:
         return self.state
 
 
-@dataclass(frozen=True, slots=True)
-class KindOf:
+class KindOf(msgspec.Struct, frozen=True):
     """Being one of the individuals that a noun stands for."""
 
     kind: Phrase
@@ -340,8 +337,7 @@ class KindOf:
         return str(self.kind if self.kind.plural or self.kind.parts else f"a {self.kind}")
 
 
-@dataclass(frozen=True, slots=True)
-class Has:
+class Has(msgspec.Struct, frozen=True):
     """Containing things, or having them as parts."""
 
     other: Phrase
@@ -352,8 +348,7 @@ class Has:
         return f"{'hav' if self.verb == 'have' else self.verb}ing {self.other}"
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(msgspec.Struct, frozen=True):
     """Being more, less or as much by a measure than things or a number."""
 
     measure: MeasuredProperty
@@ -368,8 +363,7 @@ class Comparison:
         return f"as {self.adjective} as {than}" if self.sign == 0 else f"{_inflected(self.adjective, 'er')} than {than}"
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredBy:
+class MeasuredBy(msgspec.Struct, frozen=True):
     """The order of a superlative or of a measure."""
 
     measure: MeasuredProperty
@@ -377,8 +371,7 @@ class MeasuredBy:
     adjective: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Between:
+class Between(msgspec.Struct, frozen=True):
     """Being between two things."""
 
     one: Phrase
@@ -388,8 +381,7 @@ class Between:
         return f"between {self.one} and {self.other}"
 
 
-@dataclass(frozen=True, slots=True)
-class IsPartOf:
+class IsPartOf(msgspec.Struct, frozen=True):
     """Being a part of a whole, at any depth."""
 
     whole: Phrase
@@ -398,8 +390,7 @@ class IsPartOf:
         return f"part of {self.whole}"
 
 
-@dataclass(frozen=True, slots=True)
-class BelongsTo:
+class BelongsTo(msgspec.Struct, frozen=True):
     """Being what a whole has, holds or contains."""
 
     whole: Phrase
@@ -409,8 +400,7 @@ class BelongsTo:
         return f"that {self.whole} {'has' if self.verb == 'have' else self.verb + 's'}"
 
 
-@dataclass(frozen=True, slots=True)
-class Supports:
+class Supports(msgspec.Struct, frozen=True):
     """Having things in a spatial relation to it."""
 
     relation: str
@@ -420,8 +410,7 @@ class Supports:
         return f"with {self.other} {self.relation.replace('_', ' ')} it"
 
 
-@dataclass(frozen=True, slots=True)
-class Negated:
+class Negated(msgspec.Struct, frozen=True):
     """The opposite of a predicate."""
 
     inner: Predicate
@@ -430,8 +419,7 @@ class Negated:
         return f"not {self.inner}"
 
 
-@dataclass(frozen=True, slots=True)
-class Joined:
+class Joined(msgspec.Struct, frozen=True):
     """Predicates joined by and, or."""
 
     parts: tuple[Predicate, ...]
@@ -446,8 +434,7 @@ Predicate = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class WordedQuestion:
+class WordedQuestion(msgspec.Struct, frozen=True):
     """A question as it was understood."""
 
     form: Form
@@ -559,8 +546,7 @@ def parse_sentence(
     return list(dict.fromkeys(parser.questions()))
 
 
-@dataclass(frozen=True, slots=True)
-class WordedCommand:
+class WordedCommand(msgspec.Struct, frozen=True):
     """A command, or a question about what it would do, as it was understood."""
 
     skill: str

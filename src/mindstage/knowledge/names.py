@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import IntEnum, StrEnum
 from functools import cached_property, lru_cache
-from importlib.resources import files
+from pathlib import Path
 
 import pyoxigraph as ox
 
@@ -581,7 +581,7 @@ def is_plural(word: str) -> bool:
 @lru_cache(maxsize=1)
 def _bundled_synonyms() -> tuple[tuple[Iri, str], ...]:
     """The synonyms of classes that come with the package; an ontology adds others by `skos:altLabel`."""
-    text = files("mindstage.maps").joinpath("bundled/synonyms.ttl").read_bytes()
+    text = (Path(__file__).parents[1] / "maps" / "bundled" / "synonyms.ttl").read_bytes()
     quads = ox.parse(text, format=ox.RdfFormat.TURTLE)
     return tuple((Iri(str(quad.subject.value)), str(quad.object.value)) for quad in quads)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from operator import eq, ge, gt, le, lt
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from mindstage.errors import SentenceNotUnderstoodError
 from mindstage.knowledge.grammar import (
@@ -31,16 +33,13 @@ from mindstage.knowledge.grammar import (
     WordedQuestion,
     parse_sentence,
 )
-from mindstage.knowledge.queries.individuals import part_of
-from mindstage.knowledge.queries.inventory import states
-from mindstage.knowledge.queries.proximity import distance, is_between
-from mindstage.knowledge.queries.spatial import OpenState, articulated_parts, where_is
 from mindstage.knowledge.questions import (
     AnswerRow,
     Conclusion,
     IndividualName,
     QuestionContext,
     StateAccess,
+    get_question,
     question,
 )
 from mindstage.knowledge.sentences import find_noun, is_only_map
@@ -103,8 +102,7 @@ def read_question(
     return readings[0] if len(readings) == 1 else None
 
 
-@dataclass(frozen=True, slots=True)
-class _Result:
+class _Result(msgspec.Struct, frozen=True):
     sentence: str
     truth: bool | None
     rows: Sequence[WordedRow] = ()
@@ -401,6 +399,10 @@ class Evaluation:
 
     # -- facts ---------------------------------------------------------------------------------------------------------
 
+    def _ask(self, name: str, args: Mapping[str, object]) -> Sequence[Any]:
+        """The answers to a question, whose module is imported when it is asked first."""
+        return get_question(name).ask(self._kb, args, present=self._present)
+
     @cached_property
     def _bodies(self) -> dict[Iri, Body]:
         states_now = self._present.states()
@@ -409,7 +411,7 @@ class Evaluation:
     def _related(self, relation: str) -> dict[Iri, set[Iri]]:
         if relation not in self._relations:
             found: dict[Iri, set[Iri]] = {}
-            for row in where_is.ask(self._kb, {"relation": relation}, present=self._present):
+            for row in self._ask("where_is", {"relation": relation}):
                 found.setdefault(row.thing, set()).add(row.other)
             if relation == "next_to":
                 for thing, others in list(found.items()):
@@ -436,27 +438,27 @@ class Evaluation:
     def _openness(self) -> Mapping[Iri, float]:
         """How far things are open: doors and drawers, and the widest of what belongs to them."""
         found: dict[Iri, float] = {}
-        for row in articulated_parts.ask(self._kb, {}, present=self._present):
-            share = 0.0 if row.state is OpenState.CLOSED else row.share or 1.0
+        for row in self._ask("articulated_parts", {}):
+            share = 0.0 if row.state == "closed" else row.share or 1.0
             for each in (row.part, row.thing):
                 found[each] = max(share, found.get(each, 0.0))
         return found
 
     @cached_property
     def _stated(self) -> set[tuple[Iri, str]]:
-        return {(row.thing, local_name(row.value)) for row in states.ask(self._kb, {}, present=self._present)}
+        return {(row.thing, local_name(row.value)) for row in self._ask("states", {})}
 
     @cached_property
     def _parts(self) -> Mapping[Iri, set[Iri]]:
         found: dict[Iri, set[Iri]] = {}
-        for row in part_of.ask(self._kb, {}, present=self._present):
+        for row in self._ask("part_of", {}):
             found.setdefault(row.whole, set()).add(row.part)
         return found
 
     @cached_property
     def _opening_parts(self) -> Mapping[Iri, set[Iri]]:
         found: dict[Iri, set[Iri]] = {}
-        for row in articulated_parts.ask(self._kb, {}, present=self._present):
+        for row in self._ask("articulated_parts", {}):
             found.setdefault(row.thing, set()).add(row.part)
         return found
 
@@ -477,11 +479,11 @@ class Evaluation:
         )
 
     def _between(self, one: Iri, other: Iri) -> set[Iri]:
-        rows: Sequence[Any] = is_between.ask(self._kb, {"one": one, "other": other}, present=self._present)
+        rows: Sequence[Any] = self._ask("is_between", {"one": one, "other": other})
         return {row.thing for row in rows}
 
     def _gap(self, one: Iri, other: Iri) -> float | None:
-        rows = distance.ask(self._kb, {"thing": one, "other": other}, present=self._present)
+        rows = self._ask("distance", {"thing": one, "other": other})
         return rows[0].gap if rows else None
 
     def _value(self, thing: Iri, measure: MeasuredProperty) -> float | None:
@@ -508,8 +510,7 @@ class Evaluation:
         return values.get(measure, depth * width * height)
 
 
-@dataclass(frozen=True, slots=True)
-class _Is:
+class _Is(msgspec.Struct, frozen=True):
     """Being one of these."""
 
     things: set[Iri]
