@@ -578,7 +578,7 @@ class StateRow(AnswerRow, frozen=True, kw_only=True):
     sentences=(
         "what is the state of {thing}",
         "which states does {thing} have",
-        "what is told about {thing}",
+        "what is asserted about {thing}",
     )
 )
 def states(

@@ -102,6 +102,12 @@ def read_question(
     return readings[0] if len(readings) == 1 else None
 
 
+class _Is(msgspec.Struct, frozen=True):
+    """Being one of these."""
+
+    things: set[Iri]
+
+
 class _Result(msgspec.Struct, frozen=True):
     sentence: str
     truth: bool | None
@@ -295,7 +301,7 @@ class Evaluation:
         return [each for each in self.members(subject) if self._holds(predicate, each)]
 
     def _holds_for(  # noqa: PLR0911 - one per quantifier
-        self, phrase: Phrase, predicate: Predicate | None
+        self, phrase: Phrase, predicate: Predicate | _Is | None
     ) -> tuple[bool | None, list[Iri]]:
         """Whether a predicate holds for as many as a phrase says, and the individuals that decide it."""
         if phrase.parts:
@@ -341,7 +347,7 @@ class Evaluation:
 
     # -- predicates ----------------------------------------------------------------------------------------------------
 
-    def _holds(self, predicate: Predicate | None, thing: Iri) -> bool | None:  # noqa: PLR0911, PLR0912 - one per predicate
+    def _holds(self, predicate: Predicate | _Is | None, thing: Iri) -> bool | None:  # noqa: PLR0911, PLR0912 - one per predicate
         match predicate:
             case None:
                 return True
@@ -352,12 +358,12 @@ class Evaluation:
                 values = (self._holds(each, thing) for each in parts)
                 return _any(values) if operator == "or" else _all(values)
             case Related(relation, other):
-                return self._holds_for(_some_of_set(other), _Is(self._related(relation).get(thing, set())))[0]  # type: ignore[arg-type]
-            case _Is(things):
-                return thing in things
+                return self._holds_for(_some_of_set(other), _Is(self._related(relation).get(thing, set())))[0]
+            case _Is():
+                return thing in predicate.things
             case Supports(relation, other):
                 there = {each for each, places in self._related(relation).items() if thing in places}
-                return self._holds_for(other, _Is(there))[0]  # type: ignore[arg-type]
+                return self._holds_for(other, _Is(there))[0]
             case Opened(state):
                 found = self._openness.get(thing)
                 return None if found is None else (found > 0) is (state == "open")
@@ -366,7 +372,7 @@ class Evaluation:
             case KindOf(kind):
                 return thing in self.members(kind)
             case Has(other, verb):
-                return self._holds_for(other, _Is(self._owned(thing, verb)))[0]  # type: ignore[arg-type]
+                return self._holds_for(other, _Is(self._owned(thing, verb)))[0]
             case BelongsTo(whole, verb):
                 return any(thing in self._owned(each, verb) for each in self.members(whole))
             case IsPartOf(whole):
@@ -508,12 +514,6 @@ class Evaluation:
             return round(max(top for _, top in heights) - min(bottom for bottom, _ in heights), 6)
         values = {MeasuredProperty.WIDTH: width, MeasuredProperty.DEPTH: depth, MeasuredProperty.LENGTH: max(body.size)}
         return values.get(measure, depth * width * height)
-
-
-class _Is(msgspec.Struct, frozen=True):
-    """Being one of these."""
-
-    things: set[Iri]
 
 
 def _some_of_set(other: Phrase) -> Phrase:
