@@ -412,7 +412,7 @@ class Evaluation:
     @cached_property
     def _bodies(self) -> dict[Iri, Body]:
         states_now = self._present.states()
-        return {body.iri: body for state in states_now for body in state.world.bodies if body.iri is not None}
+        return {body.iri: body for state in states_now for body in state.world.bodies}
 
     def _related(self, relation: str) -> dict[Iri, set[Iri]]:
         if relation not in self._relations:
