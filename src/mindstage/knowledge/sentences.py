@@ -679,8 +679,10 @@ def is_only_map(kb: QuestionContext, text: str) -> bool:
 def find_noun(kb: QuestionContext, find_body: FindBody | None, text: str) -> Noun | None:
     """What a noun stands for, also a body that was spawned without a map."""
     found = kb.names.noun(text)
-    if found is None and find_body is not None and (body := find_body(text)) is not None:
-        return Noun((body,), ())
+    if find_body is not None and not (found and found.individuals):
+        names = (text, text[:1].upper() + text[1:])  # words are in lower case, but ids may begin with a capital
+        if (body := next(filter(None, map(find_body, names)), None)) is not None:
+            return Noun((body,), found.members if found else ())
     return found
 
 
