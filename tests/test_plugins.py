@@ -207,4 +207,4 @@ def test_a_checkout_that_is_not_installed_has_its_entry_points(tmp_path: Path) -
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "MINDSTAGE_CACHE": str(tmp_path)}
     command = [sys.executable, "-S", "-c", code, str(libraries)]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["51", "godot", "mujoco", "null", "ros", "ros+tls"]
+    assert run.stdout.split() == ["52", "godot", "mujoco", "null", "ros", "ros+tls"]

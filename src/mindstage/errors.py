@@ -389,7 +389,7 @@ class AmbiguousSentenceError(KnowledgeError):
     def __str__(self) -> str:
         shown = " | ".join(self.candidates[:5]) + (" | …" if len(self.candidates) > 5 else "")
         text = self.sentence if len(self.sentence) <= _MAX_SHOWN else f"{self.sentence[: _MAX_SHOWN - 1]}…"
-        return f"{text!r} may mean {len(self.candidates)} questions: {shown}; ask one of them"
+        return f"{text!r} has {len(self.candidates)} readings: {shown}; give one of them"
 
 
 class QuestionTimeoutError(KnowledgeError):

@@ -16,10 +16,13 @@ from mindstage.errors import AmbiguousSentenceError, InvalidArgumentError, NameN
 from mindstage.knowledge import KnowledgeBase, names, sentences
 from mindstage.knowledge.names import EntityType, name_words
 from mindstage.knowledge.queries import AnswerRow, IndividualName, Question, list_questions
+from mindstage.knowledge.queries.worded import read_question
 from mindstage.knowledge.questions import QuestionContext
 from mindstage.knowledge.sentences import MAX_LENGTH, SentencePattern, is_sentence, sentence_patterns, understand
 from mindstage.maps import bundled_kitchen
 from mindstage.rdf.graphs import local_name
+from mindstage.scene import BodyId, Iri, Pose
+from mindstage.scene.edits import SetPoses
 from tests.cases import each_case
 from tests.maps.small_maps import ROOM_NAMESPACE, body_turtle, room_map
 
@@ -54,28 +57,6 @@ UNDERSTOOD = {
     "Can the robot do cooking?": "can action=CookingFood",
     "what is missing for baking?": "missing_for_action action=BakingFood",
     # where things are
-    "where is the milk?": "where_is thing=Milk",
-    "Where's the fridge": "where_is thing=fridge",
-    "where are the plates?": "where_is thing=DinnerPlate",
-    "Where can I find a cup?": "where_is thing=Cup",
-    "please find the corkscrew": "where_is thing=waiter_corkscrew_1",
-    "can you tell me where the milk is": None,
-    "can you tell me what is in the fridge?": "where_is relation=inside other=fridge",
-    "where is knowrob:CowsMilk": "where_is thing=CowsMilk",
-    "where is milk_carton_1": "where_is thing=milk_carton_1",
-    "where is milk carton 1?": "where_is thing=milk_carton_1",
-    "where is the milk in the kitchen": "where_is thing=Milk map=kitchen",
-    "what is in the fridge?": "where_is relation=inside other=fridge",
-    "what is on the counter?": "where_is relation=on other=CounterTop",
-    "what is on top of the table": "where_is relation=on other=table",
-    "what is under the table?": "where_is relation=below other=table",
-    "what is next to the toaster": "where_is relation=next_to other=twin_toaster_1",
-    "What stands beside the toaster?": "where_is relation=next_to other=twin_toaster_1",
-    "what does the fridge contain?": "where_is relation=inside other=fridge",
-    "is the milk in the fridge?": "where_is thing=Milk relation=inside other=fridge",
-    "are there plates on the table": "where_is thing=DinnerPlate relation=on other=table",
-    "is the bread in the breadbasket": "where_is thing=Bread relation=inside other=woven_breadbasket_1",
-    "which cups are on the table": "where_is thing=Cup relation=on other=table",
     # storage
     "where is milk stored?": "storage_place_in_environment item=Milk",
     "Where does the milk belong?": "storage_place_in_environment item=Milk",
@@ -90,40 +71,25 @@ UNDERSTOOD = {
     "where is milk stored in general": "storage_place item=Milk",
     "what is stored in the dishwasher in general": "storage_place place=Dishwasher",
     # doors, drawers and their states
-    "is the fridge open?": "articulated_parts thing=fridge state=open",
-    "Is the oven closed?": "articulated_parts thing=oven state=closed",
-    "which drawers are open?": "articulated_parts part=Drawer state=open",
-    "which doors are shut": "articulated_parts part=Door state=closed",
-    "what is open": "articulated_parts state=open",
     "how far is the fridge door open?": "articulated_parts part=fridge_door",
     "what opens the fridge": "articulated_parts thing=fridge",
     # parts
-    "where is the handle of the fridge door?": "handle_of individual=fridge_door",
     "how do I open the oven?": "handle_of individual=oven",
     "which handle does the dishwasher have": "handle_of individual=dishwasher",
     "where do i grasp the fridge": "handle_of individual=fridge",
     "what does the fridge door handle open": "handle_of handle=fridge_door_handle",
-    "what are the parts of the table?": "part_of whole=table",
     "which parts does the table have": "part_of whole=table",
     "what is the fridge door handle part of": "part_of part=fridge_door_handle",
-    "is the fridge door handle a part of the fridge": "part_of part=fridge_door_handle whole=fridge",
     # what things are
     "what is milk_carton_1?": "what_is individual=milk_carton_1",
     "what is a fridge": "what_is individual=fridge",
     "describe the oven": "what_is individual=oven",
     "how big is the table?": "what_is individual=table",
-    "how heavy is milk carton 1": "what_is individual=milk_carton_1",
     "what class does milk_carton_1 have": "individual_of_class individual=milk_carton_1",
     "is milk carton 1 a kind of milk": "individual_of_class individual=milk_carton_1 cls=Milk",
     # counts and lists
-    "how many objects are there?": "analyze",
-    "how many things are in the kitchen": "analyze map=kitchen",
     "which maps are loaded?": "maps",
     "what is in the kitchen?": "everything_in_map map=kitchen",
-    "which handles are there": "individual_of_class cls=Handle",
-    "is there a toaster?": "individual_of_class cls=Toaster",
-    "do we have apples": "individual_of_class cls=Apple",
-    "list all knives": "individual_of_class cls=Knife",
     # devices and actions
     "what do I need for baking food?": "device_for_action action=BakingFood",
     "what do I need to bake food": "device_for_action action=BakingFood",
@@ -134,7 +100,6 @@ UNDERSTOOD = {
     # classes
     "what kinds of cupboards are there": "subclass_of superclass=Cupboard",
     "what are the superclasses of Refrigerator": "subclass_of cls=Refrigerator",
-    "is every refrigerator a container?": "subclass_of cls=Refrigerator superclass=Container",
     "which classes are siblings of the class Oven": None,
     "what are the siblings of Dishwasher": "siblings cls=Dishwasher",
     "what are the properties of Dishwasher": "class_properties cls=Dishwasher",
@@ -146,21 +111,12 @@ UNDERSTOOD = {
     "what is in front of the oven seen from the table": (
         "direction_of direction=front other=oven viewer=table frame=viewer"
     ),
-    "how far is the table from the fridge?": "distance thing=table other=fridge",
-    "what is between the fridge and the oven": "is_between one=fridge other=oven",
     "what is nearest to the fridge?": "nearest thing=fridge",
-    "which cup is closest to the toaster": "nearest cls=Cup thing=twin_toaster_1",
     "what are the three nearest things to the table": "nearest thing=table count=3",
-    "what is taller than the table?": "larger_than measure=height other=table",
-    "is the fridge heavier than the oven": "larger_than thing=fridge measure=mass other=oven",
     # how many, what is alike, what is misplaced, what was told
-    "how many plates are on the table?": "how_many cls=DinnerPlate place=table",
-    "how many chairs are there": "how_many cls=Chair-PieceOfFurniture",
-    "how many plates are in the kitchen": "how_many cls=DinnerPlate map=kitchen",
     "what is like the plate 1": "similar_to thing=plate_1",
     "what is misplaced?": "misplaced",
     "which cups are not where they belong": "misplaced cls=Cup",
-    "is the table clean?": "states thing=table value=clean",
     "what is the state of the oven": "states thing=oven",
     # the floor, rooms and views
     "how do I get from the table to the fridge?": "path start=table goal=fridge",
@@ -211,13 +167,6 @@ UNDERSTOOD = {
 """Sentences of a lab, with the question that is understood; None for a wording that is refused."""
 
 ASKED_IN_A_LAB = {
-    "where can I find a clean cup?": None,
-    "which drawer has the cutlery?": None,
-    "what's on the table?": "where_is relation=on other=table",
-    "how many plates do we have?": "how_many cls=DinnerPlate",
-    "how many cups are there in the kitchen?": "how_many cls=Cup map=kitchen",
-    "is the dishwasher closed?": "articulated_parts thing=dishwasher state=closed",
-    "which doors are open right now?": "articulated_parts part=Door state=open",
     "what do I need to bake a cake?": "device_for_action action=BakingACake",
     "which device cuts bread?": None,
     "where do the plates belong?": "storage_place_in_environment item=DinnerPlate",
@@ -225,22 +174,11 @@ ASKED_IN_A_LAB = {
     "put away the milk: where?": None,
     "is anything out of place?": "misplaced",
     "how do I open the fridge?": "handle_of individual=fridge",
-    "where is the handle of the oven?": "handle_of individual=oven",
     "which handle opens the dishwasher?": "handle_of individual=dishwasher",
-    "how tall is the fridge?": "what_is individual=fridge",
-    "how heavy is the milk carton?": "what_is individual=MilkCarton",
-    "what is the weight of the kettle?": "what_is individual=water_kettle_1",
     "what color is the table?": None,
     "how big is the oven?": "what_is individual=oven",
-    "what is the largest thing in the kitchen?": None,
-    "is the fridge taller than the oven?": "larger_than measure=height thing=fridge other=oven",
-    "what is next to the sink?": "where_is relation=next_to other=sink",
     "what is left of the oven?": "direction_of direction=left other=oven",
     "what is behind the table?": "direction_of direction=behind other=table",
-    "what stands between the fridge and the oven?": "is_between one=fridge other=oven",
-    "what is the nearest cup to the sink?": "nearest cls=Cup thing=sink",
-    "how far is it from the fridge to the table?": "distance thing=fridge other=table",
-    "how far apart are the oven and the sink?": "distance thing=oven other=sink",
     "can the robot reach the fridge from the table?": "reachable goal=fridge start=table",
     "can I get from the sink to the fridge?": "path start=sink goal=fridge",
     "what is in the way to the oven?": None,
@@ -250,34 +188,21 @@ ASKED_IN_A_LAB = {
     "is there room for another plate on the table?": "free_place cls=DinnerPlate relation=onto support=table",
     "where can I set down the plate?": None,
     "which things can contain liquids?": "can_hold_liquid",
-    "is the milk perishable?": "subclass_of cls=Milk superclass=Perishable",
-    "is a cup a container?": "subclass_of cls=Cup superclass=Container",
     "what kind of thing is the kettle?": "what_is individual=water_kettle_1",
     "what is a cup?": "what_is individual=Cup",
     "which kinds of drinks are there?": "subclass_of superclass=Drink",
     "what is similar to the kettle?": "similar_to thing=water_kettle_1",
     "what is the milk carton standing on?": "where_is thing=MilkCarton relation=on",
-    "what is inside the cupboard?": "where_is relation=inside other=Cupboard",
     "what parts does the fridge have?": "part_of whole=fridge",
     "what is the fridge door part of?": "part_of part=fridge_door",
     "what is the position of the milk?": "pose_of thing=Milk",
     "where exactly is the fridge?": "pose_of thing=fridge",
-    "is the milk still in the fridge?": "where_is thing=Milk relation=inside other=fridge",
     "what would happen if I open the fridge?": None,
     "would the cup fall if I push it?": "would_tip thing=Cup",
     "which room is the sink in?": "in_room thing=sink",
     "what does the robot see from the door?": "visible_from viewer=Door",
-    "list all chairs": "individual_of_class cls=Chair-PieceOfFurniture",
-    "show me all drawers": "individual_of_class cls=Drawer",
     "what is the difference between the two maps?": "differences",
-    "which cupboard holds the plates?": "where_is relation=inside other=Cupboard thing=DinnerPlate",
-    "what contains the milk?": "where_is relation=inside thing=Milk",
-    "which drawer contains the forks?": "where_is relation=inside other=Drawer thing=Fork-SilverwarePiece",
-    "what has a handle?": None,
-    "which cup is closest to the fridge?": "nearest cls=Cup thing=fridge",
-    "what is the closest chair to the table?": "nearest cls=Chair-PieceOfFurniture thing=table",
-    "how far is the milk from the oven?": "distance thing=Milk other=oven",
-    "is there still space for a cup on the table?": None,
+    "is there still space for a cup on the table?": "free_place thing=Cup relation=onto support=table",
     "is there free space for another cup in the dishwasher?": "free_place cls=Cup relation=into support=dishwasher",
     "can I see the fridge from the table?": "visible_from thing=fridge viewer=table",
     "what do I see from the window?": "visible_from viewer=window",
@@ -285,32 +210,19 @@ ASKED_IN_A_LAB = {
     "is the milk out of place?": "misplaced thing=Milk",
     "which cups are out of place?": "misplaced cls=Cup",
     "is something misplaced in the kitchen?": "misplaced map=kitchen",
-    "is the oven still open?": "articulated_parts thing=oven state=open",
-    "is the fridge door still closed?": "articulated_parts part=fridge_door state=closed",
     "which tool can cut food?": "device_for_action action=CuttingAPieceOfFood",
     "which device do I need for baking food?": "device_for_action action=BakingFood",
     "what device heats water?": None,
     "would the milk carton topple if I push it?": "would_tip thing=MilkCarton",
     "what blocks the way from the table to the fridge?": "path start=table goal=fridge",
-    "what parts are in the fridge?": None,
     "which parts does the drawer have?": "part_of whole=Drawer",
     "how do the maps differ?": "differences",
     "what is today on the table?": None,
     "where is the right cup?": None,
     "what is at the moment in the fridge?": None,
-    "what has the robot?": None,
     "which room has the fridge?": "in_room thing=fridge",
-    "does the fridge hold milk?": "where_is relation=inside other=fridge thing=Milk",
-    "what holds the towel?": None,
-    "does the table hold the milk?": None,
-    "what is the closest thing to the fridge?": "nearest thing=fridge",
-    "which is the nearest handle to the oven?": "nearest cls=Handle thing=oven",
-    "which drawer has a fork in it?": "where_is relation=inside other=Drawer thing=Fork-SilverwarePiece",
-    "which thing contains water?": "where_is relation=inside thing=Water",
-    "what contains kitchen?": None,
     "what holds?": None,
     "how far is it to the fridge?": None,
-    "how far is it from milk carton 1 to milk carton 2?": "distance thing=milk_carton_1 other=milk_carton_2",
     "what is the fridge holding?": None,
     "is it open?": None,
     "open the fridge": None,
@@ -321,6 +233,10 @@ ASKED_IN_A_LAB = {
     "how old is the milk?": None,
 }
 """More sentences, written before the templates were looked at; None for those that no question answers."""
+
+
+def things(knowledge: KnowledgeBase, sentence: str) -> set[str]:
+    return {local_name(row.thing) for row in knowledge.ask(sentence)}
 
 
 def understood_text(knowledge: KnowledgeBase, sentence: str) -> tuple[str, frozenset[str]]:
@@ -348,34 +264,34 @@ def test_a_wording_that_no_template_has_is_refused_with_the_nearest_questions(
 
 def test_every_question_can_be_asked_in_words() -> None:
     asked = {meaning.split(" ")[0] for meaning in UNDERSTOOD.values() if meaning}
-    assert {each.name for each in list_questions()} == asked
-    assert all(each.sentences for each in list_questions())
+    by_grammar = {"analyze", "larger_than", "how_many", "is_between", "where_is", "distance", "in_words"}
+    assert {each.name for each in list_questions()} == asked | by_grammar
+    assert {each.name for each in list_questions() if not each.sentences} <= by_grammar
 
 
 # -- answers -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_sentence_has_the_answers_of_its_question(kitchen: KnowledgeBase) -> None:
-    answers = kitchen.ask("what is in the fridge?")
-    same = kitchen.ask("where_is", relation="inside", other="fridge")
+    answers = kitchen.ask("what is similar to the kettle?")
+    same = kitchen.ask("similar_to", thing="water_kettle_1")
     assert [*answers] == [*same] != []
-    assert answers.notes[0] == "understood: where_is relation=inside other=fridge"
-    assert (answers.question.name, dict(answers.args)) == ("where_is", dict(same.args))
+    assert answers.notes[0] == "understood: similar_to thing=water_kettle_1"
+    assert (answers.question.name, dict(answers.args)) == ("similar_to", dict(same.args))
 
 
 def test_an_argument_by_name_supersedes_the_one_of_the_sentence(kitchen: KnowledgeBase) -> None:
-    answers = kitchen.ask("where is the milk?", relation="inside")
-    assert {(local_name(row.thing), local_name(row.other)) for row in answers} == {
-        ("milk_carton_1", "fridge"),
-        ("milk_carton_2", "fridge"),
-    }
+    answers = kitchen.ask("what is similar to the kettle?", count=1)
+    assert [*answers] == [*kitchen.ask("similar_to", thing="water_kettle_1", count=1)] != []
 
 
 def test_a_sentence_about_the_current_state_uses_the_simulation(kitchen: KnowledgeBase) -> None:
     with Simulation(kitchen, NullEngine(), primitive_shapes=True) as simulation:
         simulation.spawn()
-        answers = simulation.ask("where is the milk?")
-        assert {row.source for row in answers} == {"null"}
+        assert simulation.ask("is milk_carton_1 in the fridge?").conclusion.truth is True
+        poses = SetPoses({BodyId("milk_carton_1"): Pose((0.0, 0.0, 1.5))})
+        simulation.engine.run(lambda engine: engine.apply(poses))
+        assert simulation.ask("is milk_carton_1 in the fridge?").conclusion.truth is False
 
 
 # -- classes as arguments ----------------------------------------------------------------------------------------------
@@ -465,27 +381,34 @@ def test_a_name_is_split_into_words(text: str, words: tuple[str, ...]) -> None:
 
 def test_a_name_with_two_meanings_is_named_with_both(room: KnowledgeBase) -> None:
     with pytest.raises(AmbiguousSentenceError) as caught:
-        understand(room, "where is the blue bottle?")
-    assert set(caught.value.candidates) == {"where_is thing=blueBottle", "where_is thing=blue_bottle"}
-    assert understood_text(room, "where is blueBottle") == ("where_is", {"thing=blueBottle"})
+        understand(room, "describe the blue bottle")
+    assert set(caught.value.candidates) == {"what_is individual=blueBottle", "what_is individual=blue_bottle"}
+    assert understood_text(room, "describe blueBottle") == ("what_is", {"individual=blueBottle"})
+    assert things(room, "where is the blue bottle?") == {"blueBottle", "blue_bottle"}
+    assert things(room, "where is blueBottle?") == {"blueBottle"}
 
 
 def test_the_name_of_an_individual_precedes_its_synonyms(room: KnowledgeBase) -> None:
-    assert understood_text(room, "where is the stove?") == ("where_is", {"thing=stove"})
-    assert understood_text(room, "where is the oven?") == ("where_is", {"thing=stove"})
-    assert "'oven' is stove, the only Oven" in understand(room, "where is the oven?").notes
+    assert things(room, "where is the stove?") == {"stove"}
+    assert things(room, "where is the oven?") == {"stove"}
+    assert "'oven' is stove, the only Oven" in understand(room, "describe the oven").notes
 
 
 def test_a_label_that_is_told_is_understood_at_once(room: KnowledgeBase) -> None:
     with pytest.raises(SentenceNotUnderstoodError):
         understand(room, "where is the favorite mug?")
     room.tell(ROOM_NAMESPACE + "cup_a", "rdfs:label", "favorite mug")
-    assert understood_text(room, "where is the favorite mug?") == ("where_is", {"thing=cup_a"})
+    assert things(room, "where is the favorite mug?") == {"cup_a"}
 
 
 def test_a_body_that_was_spawned_without_a_map_is_found_by_its_id(kitchen: KnowledgeBase) -> None:
-    found = understand(kitchen, "where is parcel7", find_body=lambda name: "x:parcel" if name == "parcel7" else None)
-    assert dict(found.args) == {"thing": "x:parcel"}
+    def find_body(name: str) -> Iri | None:
+        return Iri("x:parcel") if name == "parcel7" else None
+
+    assert dict(understand(kitchen, "what is similar to parcel7", find_body=find_body).args) == {"thing": "x:parcel"}
+    question = read_question(kitchen, "where is parcel7", find_body)
+    assert question is not None
+    assert question.subject.members == ("x:parcel",)
 
 
 # -- what is not understood --------------------------------------------------------------------------------------------
@@ -495,10 +418,10 @@ def test_an_unknown_name_is_named_with_similar_ones(kitchen: KnowledgeBase) -> N
     with pytest.raises(SentenceNotUnderstoodError) as caught:
         understand(kitchen, "where is the milc carton?")
     error = caught.value
-    assert tuple(error.unknown) == ("milc carton",)
-    assert "MilkCarton" in error.names
+    assert tuple(error.unknown) == ("milc",)
+    assert error.names[0] == "Milk"
     assert 1 <= len(error.names) <= 5
-    assert tuple(error.questions) == ("where_is: where is <thing>",)
+    assert "where is <thing>" in error.questions
 
 
 def test_an_unknown_word_is_named_with_the_nearest_questions(kitchen: KnowledgeBase) -> None:
@@ -506,7 +429,7 @@ def test_an_unknown_word_is_named_with_the_nearest_questions(kitchen: KnowledgeB
         understand(kitchen, "wher is the milk?")
     assert tuple(caught.value.unknown) == ("wher",)
     assert caught.value.names[0] == "where"
-    assert caught.value.questions[0].startswith("where_is: where is <thing>")
+    assert caught.value.questions[0] == "where is <thing>"
     assert len(caught.value.questions) <= 5
 
 

@@ -187,10 +187,11 @@ def test_invalid_queries_are_errors(call: Call, args: dict[str, str], text: str)
 
 
 def test_a_plain_sentence_is_a_question(call: Call) -> None:
-    reply = call("/mindstage/ask", question="where is the Mug?", args='{"relation": "on"}')
+    reply = call("/mindstage/ask", question="where is the Mug?")
     answers = json.loads(reply["answers"])
-    assert answers["question"] == "where_is"
-    assert answers["notes"] == ["understood: where_is thing=Mug"]
+    assert answers["question"] == "in_words"
+    assert answers["notes"] == ["understood: where is the mug?"]
+    assert answers["sentence"].endswith(" on Cupboard.")
     assert {row["other"].rpartition("#")[2] for row in answers["answers"]} == {"Cupboard"}
 
 

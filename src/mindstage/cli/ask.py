@@ -375,6 +375,10 @@ Arguments = Annotated[
     ),
 ]
 
+Rows = Annotated[
+    bool, typer.Option("--rows", help="Print the answers to a sentence as a table, too.", show_default=False)
+]
+
 Why = Annotated[bool, typer.Option("--why", help="Explain each answer.")]
 
 ColorOption = Annotated[
@@ -396,6 +400,7 @@ def ask(
     *,
     maps: MapOptions = None,
     running: Running = None,
+    rows: Rows = False,
     why: Why = False,
     store: StoreFolder = None,
     endpoint: EndpointUrl = None,
@@ -416,18 +421,20 @@ def ask(
 ) -> ExitCode:
     """Ask a question; without an answer, print what is missing, and exit 1.
 
-    A plain sentence (mindstage ask where is the milk) is understood by templates and names, and printed as a question.
+    A sentence (mindstage ask are all drawers closed) is answered by one: exit 0 for yes, 1 for no, 3 for unknown.
     With --highlight the question is asked about the state of the simulation, and with --running about that of a
     running one. With --episode or --episodes it is asked about any time of recorded ones: --at 3.2.
     """
     # Before the map is read, so that a wrong name fails at once.
     sentence = _sentence(question, args or [])
+    if sentence.lower().rstrip(" ?") in {"what can i ask", "what can you answer"}:
+        return questions(as_json=as_json)
     asked = None if sentence else _question_with_args(question, args or [])
-    allowed = {"question", "args", "running", "why", "highlight", "as_json", "at", "during", "since", "until"}
+    allowed = {"question", "args", "running", "rows", "why", "highlight", "as_json", "at", "during", "since", "until"}
     when = {"at": at, "during": during, "since": since, "until": until}
     when = {name: value for name, value in when.items() if value is not None}
     if (target := running_target(context, running, maps, allowed=allowed)) is not None:
-        return _ask_running(target, asked, sentence, when, why=why, highlight=highlight, as_json=as_json)
+        return _ask_running(target, asked, sentence, when, rows=rows, why=why, highlight=highlight, as_json=as_json)
 
     if when or recorded.episode or recorded.episodes:
         _refuse_highlight(highlight)
@@ -437,15 +444,22 @@ def ask(
         knowledge = knowledge_with_episodes(
             maps or [], reading, recorded, store=store, endpoint=endpoint, closure=closure
         )
-    resolved, named, notes = asked or _understood(knowledge, sentence)
-    print_answers = partial(_print_result, knowledge, notes, why=why, as_json=as_json)
+    resolved, named, notes = asked or _understood(
+        knowledge, sentence, is_past=bool(when or recorded.episode or recorded.episodes)
+    )
+    has_rows = rows or why or not sentence
+    print_answers = partial(_print_result, knowledge, notes, rows=has_rows, why=why, as_json=as_json)
     if run is None:
         with progress_spinner("asking"):
             answers = knowledge.ask(resolved, **named, **when, **recorded.named())
         print_answers(answers, {})
     else:
         answers = run.ask(knowledge, resolved, named, map_name=map_name, print_answers=print_answers)
-    return ExitCode.OK if answers else ExitCode.NEGATIVE
+    return _exit_code(answers.conclusion.truth)
+
+
+def _exit_code(truth: bool | None) -> ExitCode:
+    return ExitCode.UNKNOWN if truth is None else ExitCode.OK if truth else ExitCode.NEGATIVE
 
 
 def _highlight_run(
@@ -503,11 +517,34 @@ def _question_with_args(question: str, args: list[str]) -> AskedQuestion:
     return resolved, named_args(resolved, args), ()
 
 
-def _understood(knowledge: KnowledgeBase, sentence: str) -> AskedQuestion:
+def _understood(knowledge: KnowledgeBase, sentence: str, *, is_past: bool) -> AskedQuestion:
+    from mindstage.errors import SentenceNotUnderstoodError
     from mindstage.knowledge.sentences import understand
 
-    understood = understand(knowledge, sentence)
+    try:
+        understood = understand(knowledge, sentence, is_past=is_past)
+    except SentenceNotUnderstoodError:
+        _point_to_do(knowledge, sentence)
+        raise
     return understood.question, {name: str(value) for name, value in understood.args.items()}, understood.notes
+
+
+def _point_to_do(knowledge: KnowledgeBase, sentence: str) -> None:
+    """Refuses a command with the verb that performs it.
+
+    Raises:
+        SentenceNotUnderstoodError: it is a command.
+    """
+    from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
+    from mindstage.robots.commands import understand_command
+
+    try:
+        found = understand_command(knowledge, sentence)
+    except (SentenceNotUnderstoodError, AmbiguousSentenceError):
+        return
+    verb = "evaluate" if found.is_hypothetical else "do"
+    cause = f"it is no question: mindstage {verb} {sentence!r} MAP {'tries' if found.is_hypothetical else 'does'} it"
+    raise SentenceNotUnderstoodError(sentence, cause=cause)
 
 
 def _ask_running(
@@ -516,6 +553,7 @@ def _ask_running(
     sentence: str,
     when: Mapping[str, object],
     *,
+    rows: bool,
     why: bool,
     highlight: str | None,
     as_json: bool,
@@ -534,12 +572,15 @@ def _ask_running(
     else:
         for note in result.get("notes", ()):
             print_line(note)
-        _print_received(get_question(result["question"]), result, why=why)
+        if sentence:
+            print_line(result["sentence"])
+        if rows or why or not sentence:
+            _print_received(get_question(result["question"]), result, why=why)
         for item in result.get("not_highlighted", ()):
             warn(f"not highlighted: {item['id']}: {item['reason']}")
         if highlight is not None:
             print_line(f"{len(result['highlighted'])} highlighted in {simulation.address}")
-    return ExitCode.OK if result["answers"] else ExitCode.NEGATIVE
+    return _exit_code(result["truth"])
 
 
 def _print_received(question: Question[Any], result: Mapping[str, Any], *, why: bool) -> None:
@@ -572,6 +613,7 @@ def _print_result(
     answers: Answers[Any],
     fields: dict[str, object],
     *,
+    rows: bool,
     why: bool,
     as_json: bool,
 ) -> None:
@@ -586,6 +628,10 @@ def _print_result(
         print_findings(findings, classes=class_lookup(knowledge))
         for note in (*notes, *answers.notes):
             print_line(note)
+        if notes:  # a sentence
+            print_line(answers.conclusion.sentence)
+        if not rows:
+            return
         reasons = [knowledge.explain(answers.question, row) for row in answers] if why else None
         _print_answers(answers, class_of=knowledge.reasoner.class_of, reasons=reasons)
 

@@ -43,8 +43,8 @@ Command = Annotated[
     str | None,
     typer.Argument(
         metavar="[COMMAND]",
-        help="A skill with its arguments, as in 'put_away milk_carton_1' or 'go_to x=1 y=0'; several are separated by "
-        "';'. Or a plan (a file, or JSON), or a designator as JSON.",
+        help="A sentence, as in 'put the vase on the table', or a skill with its arguments, as in 'go_to x=1 y=0'; "
+        "several are separated by ';'. Or a plan (a file, or JSON), or a designator as JSON.",
         show_default=False,
     ),
 ]
@@ -230,7 +230,7 @@ def _do_running(target: str, command: str, *, deadline_s: float, as_json: bool) 
         raise InvalidArgumentError("do", cause="a running simulation performs skills only", remedy=remedy)
     results: list[dict[str, Any]] = []
     with interruptible() as interrupted, open_running(target) as simulation:
-        for step in _commands(command, deadline_s=deadline_s):
+        for step in _commands(command, None, deadline_s=deadline_s)[0]:
             found = simulation.perform(
                 step.skill,
                 step.args,
@@ -292,7 +292,8 @@ def _task(text: str, simulation: Simulation, *, deadline_s: float) -> tuple[Plan
     is_file = path.suffix == ".json"
     content = path.read_text(encoding="utf-8") if is_file else text.strip()
     if not content.lstrip().startswith(("{", "[")):
-        return Plan(steps=tuple(_commands(text, deadline_s=deadline_s)), name=text), []
+        steps, notes = _commands(text, simulation, deadline_s=deadline_s)
+        return Plan(steps=tuple(steps), name=text), notes
     try:
         value = json.loads(content)
     except ValueError:
@@ -311,20 +312,61 @@ def _is_lisp(value: object) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], str)
 
 
-def _commands(text: str, *, deadline_s: float) -> list[Perform]:
-    """The skills with their arguments, separated by semicolons."""
+def _commands(text: str, simulation: Simulation | None, *, deadline_s: float) -> tuple[list[Perform], list[str]]:
+    """The commands, separated by semicolons, and how sentences were understood.
+
+    Args:
+        text: skills with their arguments, or sentences.
+        simulation: has the names of sentences; None if sentences cannot be understood.
+        deadline_s: see `Perform`.
+
+    Raises:
+        InvalidArgumentError: there is no such skill, or its arguments are not valid.
+        SentenceNotUnderstoodError: a sentence is no command, or not all of it is understood.
+        AmbiguousSentenceError: a sentence may mean several commands.
+    """
     from mindstage.errors import InvalidArgumentError, suggestion
     from mindstage.imagination import Perform
     from mindstage.robots.skill_declaration import skill_specs, split_command
 
-    known, steps = skill_specs(), list[Perform]()
+    known, steps, notes = skill_specs(), list[Perform](), list[str]()
     for part in filter(None, map(str.strip, text.split(";"))):
         name, words = split_command(part)
         name = name.replace("-", "_")
-        if name not in known:
-            raise InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=suggestion(name, known))
-        steps.append(Perform(skill=name, args=known[name].parse(words), deadline_s=deadline_s))
-    return steps
+        failure: InvalidArgumentError | None = None
+        if name in known:
+            try:
+                steps.append(Perform(skill=name, args=known[name].parse(words), deadline_s=deadline_s))
+            except InvalidArgumentError as error:
+                failure = error  # it may be a sentence: open the fridge
+            else:
+                continue
+        if simulation is None or not words or any("=" in word for word in words):
+            remedy = suggestion(name, known)
+            raise failure or InvalidArgumentError("do", cause=f"there is no skill {name!r}", remedy=remedy)
+        step, note = _understood(part, simulation, deadline_s=deadline_s)
+        steps.append(step)
+        notes.append(note)
+    return steps, notes
+
+
+def _understood(sentence: str, simulation: Simulation, *, deadline_s: float) -> tuple[Perform, str]:
+    """The step that a sentence commands, and how it was understood.
+
+    Raises:
+        InvalidArgumentError: it asks what would happen.
+    """
+    from mindstage.errors import InvalidArgumentError
+    from mindstage.imagination import Perform
+    from mindstage.knowledge.questions import StateAccess
+    from mindstage.robots.commands import understand_command
+
+    present = StateAccess(simulation.knowledge, simulation.current_state, simulation=simulation)
+    found = understand_command(simulation.knowledge, sentence, present=present)
+    if found.is_hypothetical:
+        cause = "it asks what would happen, and nothing is done for that"
+        raise InvalidArgumentError("do", cause=cause, remedy=f"mindstage evaluate {sentence!r} MAP tries it")
+    return Perform(skill=found.skill, args=dict(found.args), deadline_s=deadline_s), f"understood: {found}"
 
 
 def _designated(value: Any, simulation: Simulation, *, deadline_s: float) -> tuple[Plan, list[str]]:

@@ -203,7 +203,7 @@ class HoldsRow(AnswerRow, frozen=True, kw_only=True):
 
 
 @question(
-    sentences=("when (is|was) {a} {relation} {b}", "how long (is|was) {a} {relation} {b}", "when was {a} {relation}"),
+    sentences=("when (is|was) {a} {relation} {b}", "how long was {a} {relation} {b}", "when was {a} {relation}"),
     is_relation=True,
     about_past=True,
 )

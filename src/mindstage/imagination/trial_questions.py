@@ -274,7 +274,6 @@ class PlacementRow(AnswerRow, frozen=True, kw_only=True):
 @question(
     sentences=(
         "(would|can) {thing} fit and stay {relation} {place}",
-        "is there still room for {thing} {relation} {place}",
         "can (i|robot) (put|place) {thing} {relation} {place}",
     ),
     imagines=True,

@@ -506,7 +506,7 @@ class KnowledgeBase:
             AmbiguousNameError: several entities have a name.
         """
         time, args = time_arguments(args, declared=argument_names(question))
-        declared, known, notes = _resolve_question(self, question, positional, args)
+        declared, known, notes = _resolve_question(self, question, positional, args, is_past=time != NOW)
         if time != NOW or declared.about_past:
             return ask_over_time(self, declared, known, time=time, episodes=self._episodes, notes=notes)
         key = (declared, notes, *known.items())
@@ -1008,7 +1008,12 @@ class _RecordedBounds:
 
 
 def _resolve_question(
-    kb: KnowledgeBase, question: Question[Any] | str, positional: Sequence[object], args: Mapping[str, object]
+    kb: KnowledgeBase,
+    question: Question[Any] | str,
+    positional: Sequence[object],
+    args: Mapping[str, object],
+    *,
+    is_past: bool,
 ) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
     """The question of a sentence, its arguments, and how it was understood; of any other question, the question."""
     if not isinstance(question, str) or question.isidentifier():  # without loading the matcher
@@ -1016,7 +1021,7 @@ def _resolve_question(
         return declared, declared.bind(positional, args), ()
     from mindstage.knowledge.sentences import resolve_question
 
-    return resolve_question(kb, question, args, positional=positional)
+    return resolve_question(kb, question, args, positional=positional, is_past=is_past)
 
 
 def _save_index_of(knowledge: ref[KnowledgeBase]) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from enum import IntEnum, StrEnum
 from functools import cached_property, lru_cache
+from pathlib import Path
 
 import pyoxigraph as ox
 
@@ -29,8 +30,10 @@ __all__ = [
     "NameIndex",
     "NameQuality",
     "NamedThing",
+    "Noun",
     "compact_iri",
     "expand_prefix",
+    "is_plural",
     "name_words",
 ]
 
@@ -61,6 +64,8 @@ _IRREGULAR_PLURALS = {
     "feet": "foot",
     "mice": "mouse",
 }
+_BEFORE_ATTRIBUTES = tuple((word,) for word in ("of", "for", "to", "with", "without", "in", "on", "at"))
+"""Words in names after which no head noun follows."""
 _BUILT_IN_PROPERTIES = (TYPE, *(Iri(RDFS + name) for name in ("subClassOf", "subPropertyOf", "label", "comment")))
 
 
@@ -101,6 +106,20 @@ class NamedThing:
     note: str = ""
     """How the name was understood, if it is not the name of exactly this entity."""
     quality: NameQuality = NameQuality.EXACT
+
+
+@dataclass(frozen=True, slots=True)
+class Noun:
+    """What the words of a noun stand for."""
+
+    individuals: tuple[Iri, ...]
+    """Those with exactly this name."""
+    members: tuple[Iri, ...]
+    """The individuals of all classes of this name, or with a name that ends with it: a dinner plate is a plate."""
+
+    def of(self, *, plural: bool) -> tuple[Iri, ...]:
+        """The individuals that the singular or the plural stands for: "the oven" is that of this name."""
+        return self.individuals if self.individuals and not (plural and self.members) else self.members
 
 
 @dataclass(slots=True)
@@ -224,6 +243,41 @@ class NameIndex:
                 return named
             empty = empty or named  # a class without individuals: "kettle" is rather a water kettle that exists
         return empty
+
+    def noun(self, text: str) -> Noun | None:
+        """What a noun stands for, by names, labels and synonyms; None if nothing has such a name.
+
+        Both are empty for the name of a class without an individual in the loaded maps.
+        """
+        index, words = self._words, name_words(text)
+        if not words:
+            return None
+        known = self._reasoner.maps_of
+        whole = expand_prefix(text)
+        exact = [each for each in self._names.get(text, ()) if each in known]
+        is_iri = whole in known or (":" in whole and self._has_type(whole, EntityType.CLASS))
+        named = [whole] if is_iri else exact or list(index.by_key.get("".join(words), ()))
+        individuals = sorted({iri for iri in named if iri in known and not self._has_type(iri, EntityType.MAP)})
+        classes = [iri for iri in named if self._has_type(iri, EntityType.CLASS)]
+        members = {iri for cls in classes for iri in self._reasoner.members(cls) if iri in known}
+        if not members:
+            classes += self._classes_ending(words)
+            members = {iri for cls in classes for iri in self._reasoner.members(cls) if iri in known}
+        if any(self._has_type(each, EntityType.MAP) for each in members) or not (individuals or classes):
+            return None
+        return Noun(tuple(individuals), tuple(sorted(members)))
+
+    def _classes_ending(self, words: tuple[str, ...]) -> list[Iri]:
+        """The classes with names that end with these words: a water bottle is a bottle, the leg of a table no table."""
+        index, count = self._words, len(words)
+        names = (
+            each
+            for each in index.by_word.get(words[-1], ())
+            if each[-count:] == words and each[-count - 1 : -count] not in _BEFORE_ATTRIBUTES
+        )
+        found = (iri for name in names for iri, quality in index.by_key["".join(name)].items()
+                 if quality <= NameQuality.WORDS)  # fmt: skip
+        return [iri for iri in dict.fromkeys(found) if self._has_type(iri, EntityType.CLASS)]
 
     def nearest(self, name: str, entity_type: EntityType, *, limit: int = 5) -> tuple[str, ...]:
         """Names that resemble one: those with a word in common, and similar spellings."""
@@ -457,6 +511,9 @@ class NameIndex:
             for quad in self._store.quads_for_pattern(None, ox.NamedNode(property), None):
                 if isinstance(quad.subject, ox.NamedNode) and isinstance(quad.object, ox.Literal):
                     index.add(quad.object.value, Iri(quad.subject.value), quality)
+        for iri, synonym in _bundled_synonyms():
+            if iri in self._names.get(local_name(iri), ()):
+                index.add(synonym, iri, NameQuality.SYNONYM)
         return index
 
     def _add_name(self, names: dict[str, dict[Iri, None]], iri: Iri) -> None:
@@ -514,6 +571,19 @@ def _split_any_words(text: str) -> Iterator[str]:
         word += char
     if word:
         yield word.casefold()
+
+
+def is_plural(word: str) -> bool:
+    """Whether an English noun is in the plural, by its ending."""
+    return _singular(word) != word
+
+
+@lru_cache(maxsize=1)
+def _bundled_synonyms() -> tuple[tuple[Iri, str], ...]:
+    """The synonyms of classes that come with the package; an ontology adds others by `skos:altLabel`."""
+    text = (Path(__file__).parents[1] / "maps" / "bundled" / "synonyms.ttl").read_bytes()
+    quads = ox.parse(text, format=ox.RdfFormat.TURTLE)
+    return tuple((Iri(str(quad.subject.value)), str(quad.object.value)) for quad in quads)
 
 
 @lru_cache(maxsize=8192)

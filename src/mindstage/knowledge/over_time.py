@@ -177,6 +177,11 @@ def _ask_in_span(
             except (NameNotFoundError, AmbiguousNameError) as error:  # a body that exists at some times only
                 unknown = error
                 continue
+            if last.is_concluded:
+                cause = "what it amounts to is a yes, a no or a number at one time"
+                raise InvalidArgumentError(
+                    "a sentence", cause=cause, remedy="give a time (at), or ask a question by name"
+                )
             for row in last:
                 same = found.setdefault(_identity(row, ignores_numbers=question.is_relation), [])
                 if same and same[-1][1][1] == begin:

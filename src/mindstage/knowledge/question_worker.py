@@ -237,7 +237,9 @@ class _QuestionProcess:
         kb, state = self._knowledge, self._state
         time, args = time_arguments(request.args, declared=argument_names(request.question))
         present = _TransferredState(kb, None if state is None else lambda: state)
-        question, known, notes = resolve_question(kb, request.question, args, find_body=present.find_individual)
+        question, known, notes = resolve_question(
+            kb, request.question, args, find_body=present.find_individual, is_past=time != NOW
+        )
         if time != NOW or question.about_past or question.imagines:
             raise _ElsewhereError
         answers = question.ask(kb, known, present=present, notes=notes)
@@ -247,7 +249,8 @@ class _QuestionProcess:
         if request.as_rows:
             plain = [msgspec.structs.replace(row) for row in answers]  # without the link to these answers
             classes = {name: tuple(each) for name, each in answers.classes.items()}
-            rows = pickle.dumps((question.name, dict(answers.args), plain, answers.missing, classes, answers.notes))
+            told = (answers.notes, answers.conclusion)
+            rows = pickle.dumps((question.name, dict(answers.args), plain, answers.missing, classes, *told))
         return QuestionReply(json=json, rows=rows)
 
 

@@ -41,6 +41,7 @@ from typing import (
     Any,
     ClassVar,
     Generic,
+    NamedTuple,
     Protocol,
     TypeVar,
     get_args,
@@ -95,6 +96,7 @@ __all__ = [
     "Answers",
     "AskedArguments",
     "ClassName",
+    "Conclusion",
     "IndividualName",
     "MapName",
     "MissingKnowledge",
@@ -122,6 +124,8 @@ PropertyName = Annotated[Iri, EntityType.PROPERTY]
 ValueName = Annotated[str, EntityType.VALUE]
 _MAX_NAMED_ROWS = 3
 """The number of rows that are named in the repr of answers."""
+_MAX_CONCLUDED = 12
+"""The number of subjects that the sentence about answers names."""
 _MAX_COMBINATIONS = 20_000
 """The maximum number of combinations of individuals, if arguments are given as classes."""
 _FEW_COMBINATIONS = 8
@@ -390,6 +394,15 @@ class MissingKnowledge(msgspec.Struct, frozen=True):
     """What `reason` states about the graph and the state, or relies on, each of which is so."""
 
 
+class Conclusion(NamedTuple):
+    """What the answers to a question amount to."""
+
+    sentence: str
+    """The answer as a sentence."""
+    truth: bool | None
+    """Yes or no, or whether there is an answer; None if it is unknown."""
+
+
 class Answers(Sequence[R]):
     """All answers to a question, in its order; if there are none, the missing statements."""
 
@@ -403,6 +416,7 @@ class Answers(Sequence[R]):
         kb: QuestionContext | None = None,
         classes: Mapping[str, Sequence[Iri]] | None = None,
         notes: Iterable[str] = (),
+        conclusion: Conclusion | None = None,
     ) -> None:
         self.question = question
         self.args: Mapping[str, object] = MappingProxyType(dict(args))
@@ -413,12 +427,41 @@ class Answers(Sequence[R]):
         """How a sentence or a name was understood, if it was not given exactly."""
         self.missing = tuple(missing)
         self._rows = tuple(rows)
+        self._conclusion = conclusion
         names = (EntityType.INDIVIDUAL,), (EntityType.CLASS, EntityType.PROPERTY), (EntityType.MAP,)
         self.subject_column = next((column for kinds in names if (column := self.answer_column(*kinds))), None)
         """The column that was asked for: an individual if there is one, else a class or property, else a map."""
         origin = _AnswerOrigin(question, self.subject_column, kb)
         for row in self._rows:
             row.__dict__["_shared_origin"] = origin
+
+    @property
+    def is_concluded(self) -> bool:
+        """Whether the answer as a sentence is more than what the rows name, such as a yes or no."""
+        return self._conclusion is not None
+
+    @property
+    def conclusion(self) -> Conclusion:
+        """The answer as a sentence: that of the question, or what its rows name."""
+        if self._conclusion is not None:
+            return self._conclusion
+        if self._rows:
+            return Conclusion(f"{counted(len(self._rows), 'answer')}{self._named_rows()}.", truth=True)
+        reasons = "; ".join(lack.reason for lack in self.missing[:_MAX_NAMED_ROWS])
+        return Conclusion(f"No answer: {reasons}." if reasons else "No answer.", truth=False)
+
+    @property
+    def is_concluded(self) -> bool:
+        """Whether the question itself gives the conclusion."""
+        return self._conclusion is not None
+
+    def _named_rows(self) -> str:
+        """The first different subjects of the rows."""
+        if self.subject_column is None:
+            return ""
+        names = list(dict.fromkeys(local_name(str(getattr(row, self.subject_column))) for row in self._rows))
+        more = f" and {len(names) - _MAX_CONCLUDED} more" if len(names) > _MAX_CONCLUDED else ""
+        return f": {', '.join(names[:_MAX_CONCLUDED])}{more}"
 
     def to_dicts(self) -> list[dict[str, Any]]:
         """The rows as dicts of plain values (strings, numbers, lists): `pandas.DataFrame(answers.to_dicts())`."""
@@ -709,7 +752,8 @@ class Question(Generic[R]):
             for bound in self._combinations(found, classes):
                 rows |= dict.fromkeys(self._rows(kb, bound, state_access))
         missing = () if rows else tuple(self._missing(kb, found, classes, state_access))
-        return Answers(self, found, tuple(rows), missing, kb=kb, classes=classes, notes=told)
+        conclusion = state_access.memo.get(("conclusion",))
+        return Answers(self, found, tuple(rows), missing, kb=kb, classes=classes, notes=told, conclusion=conclusion)
 
     def _combinations(
         self, found: Mapping[str, object], classes: Mapping[str, Sequence[Iri]]
@@ -944,6 +988,8 @@ def answers_to_builtins(kb: QuestionContext, answers: Answers[Any], *, explain: 
             for lack in answers.missing
         ],
         "notes": list(answers.notes),
+        "sentence": answers.conclusion.sentence,
+        "truth": answers.conclusion.truth,
     }
 
 

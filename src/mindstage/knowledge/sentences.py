@@ -19,15 +19,26 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
+from difflib import SequenceMatcher, get_close_matches
 from enum import Enum
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import islice, product
 from types import MappingProxyType
 from typing import Any
 
 from mindstage.errors import AmbiguousSentenceError, SentenceNotUnderstoodError
-from mindstage.knowledge.names import EntityType, NameQuality, name_words
+from mindstage.knowledge.grammar import (
+    EXAMPLE_FORMS,
+    FUTURE_WORDS,
+    GRAMMAR_WORDS,
+    IGNORED_WORDS,
+    OPERATORS,
+    PAST_WORDS,
+    names_nothing,
+    parse_sentence,
+    sentence_words,
+)
+from mindstage.knowledge.names import EntityType, NameQuality, Noun, name_words
 from mindstage.knowledge.questions import (
     Question,
     QuestionArgument,
@@ -44,6 +55,8 @@ __all__ = [
     "MAX_LENGTH",
     "SentencePattern",
     "Understanding",
+    "find_noun",
+    "is_only_map",
     "is_sentence",
     "questions_with_words",
     "resolve_question",
@@ -53,6 +66,8 @@ __all__ = [
 
 MAX_LENGTH = 1000
 """The maximum number of characters of a sentence."""
+_WORDED = "in_words"
+"""The question that the grammar asks."""
 _MAX_WORDS = 60
 _MAX_NAME_WORDS = 12
 _MAX_STEPS = 200_000
@@ -84,10 +99,9 @@ _SAME_WORDS = {
 }
 """Words that templates and sentences may exchange, after the plural was removed."""
 _CONTRACTIONS = {f"{word}'s": word for word in ("where", "what", "which", "who", "there", "how")}
-_FILLERS = frozenset({"please", "currently", "now", "hello", "hey", "thanks"})
 _CLOSINGS = (("right", "now"), ("at", "the", "moment"), ("at", "present"), ("today",), ("right", "this", "moment"))
 """Words at the end of a sentence that mean the present, in which all questions are asked."""
-_DROPPED = frozenset(["the", "a", "an", "any", "some", "all", "every", "each", "my", "our", "your", "these", "those"])
+_DROPPED = frozenset(["the", "a", "an", "some", "my", "our", "your", "these", "those"])
 _OPENINGS = tuple(
     tuple(words.split())
     for words in ("can you tell me", "can you say", "tell me", "do you know", "i want to know", "i would like to know")
@@ -138,9 +152,11 @@ class Understanding:
     """Names as IRIs; numbers in the unit of the argument."""
     names: tuple[str, ...] = ()
     """What each name refers to that was not given exactly."""
+    reading: str = ""
+    """The sentence as the grammar understood it, which is understood in the same way; empty for a declared wording."""
 
     def __str__(self) -> str:
-        return _call_text(self.question, self.args)
+        return self.reading or _call_text(self.question, self.args)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -241,13 +257,16 @@ def is_sentence(text: str) -> bool:
     return stripped.endswith("?") or any(char.isspace() for char in stripped)
 
 
-def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None = None) -> Understanding:
+def understand(
+    kb: QuestionContext, sentence: str, *, find_body: FindBody | None = None, is_past: bool = False
+) -> Understanding:
     """Maps a plain sentence to a question.
 
     Args:
         kb: the knowledge base with the names.
         sentence: a sentence of at most `MAX_LENGTH` characters.
         find_body: finds the IRI of a body by its id, for bodies without a map.
+        is_past: whether a time of a recording is asked about, in the past tense or the present.
 
     Raises:
         SentenceNotUnderstoodError: no question is put like this, or a name is unknown.
@@ -255,8 +274,19 @@ def understand(kb: QuestionContext, sentence: str, *, find_body: FindBody | None
     """
     tokens = _checked_tokens(sentence)
     with kb.lock:
+        worded = parse_sentence(sentence, partial(find_noun, kb, find_body), partial(is_only_map, kb), is_past=is_past)
+        if len(worded) > 1:
+            raise AmbiguousSentenceError(sentence, candidates=tuple(map(str, worded)))
         matcher = _Matcher(kb, sentence, tokens, find_body)
-        readings = list(matcher.readings())
+        may_be_declared = not worded or names_nothing(worded[0])  # such as "which room", if no map has rooms
+        readings = list(matcher.readings()) if may_be_declared else []
+        if worded and not readings:
+            return Understanding(
+                sentence, get_question(_WORDED), {"text": str(worded[0]) if is_past else sentence}, (), str(worded[0])
+            )
+        if not readings and PAST_WORDS & {*sentence_words(sentence)}:
+            cause = "it is about the past, and is none of the questions about recordings (--episode)"
+            raise SentenceNotUnderstoodError(sentence, cause=cause, questions=matcher.not_understood().questions)
         if not readings:
             raise matcher.not_understood()
     best = min(each.rank for each in readings)
@@ -279,6 +309,7 @@ def resolve_question(
     *,
     positional: Sequence[object] = (),
     find_body: FindBody | None = None,
+    is_past: bool = False,
 ) -> tuple[Question[Any], Mapping[str, object], tuple[str, ...]]:
     """The question that a name or a plain sentence refers to, its arguments, and how a sentence was understood.
 
@@ -288,6 +319,7 @@ def resolve_question(
         args: arguments that are given by name, which supersede those of a sentence.
         positional: arguments in the order of the question.
         find_body: see `understand`.
+        is_past: see `understand`.
 
     Raises:
         QuestionNotFoundError: no question has that name.
@@ -297,7 +329,7 @@ def resolve_question(
     if not isinstance(question, str) or not is_sentence(question):
         declared = get_question(question) if isinstance(question, str) else question
         return declared, declared.bind(positional, args), ()
-    understood = understand(kb, question, find_body=find_body)
+    understood = understand(kb, question, find_body=find_body, is_past=is_past)
     given = understood.question.bind(positional, args)
     return understood.question, {**understood.args, **given}, understood.notes
 
@@ -428,7 +460,7 @@ def _tokens(sentence: str) -> list[_Token]:
     for closing in _CLOSINGS:
         if tuple(token.word for token in tokens[-len(closing) :]) == closing:
             tokens = tokens[: -len(closing)]
-    kept = [each for each in tokens if each.word not in _FILLERS]
+    kept = [each for each in tokens if each.word not in IGNORED_WORDS]
     return [each for at, each in enumerate(kept) if each.word not in _DROPPED or at == len(kept) - 1]
 
 
@@ -483,7 +515,10 @@ class _Matcher:
                 yield _Reading(question, pattern.constants, slots, weight)
 
     def not_understood(self) -> SentenceNotUnderstoodError:
-        """Why there is no reading: the unknown name in the nearest wording, or the unknown words."""
+        """Why there is no reading: the unknown words, or the unknown name in the nearest wording."""
+        by_words = self._unknown_wording()
+        if by_words.unknown:
+            return by_words
         failures: list[tuple[int, int, int, list[tuple[QuestionArgument, _Span]], SentencePattern, Question[Any]]] = []
         for question, pattern in self._possible_patterns():
             for spans in islice(self._matches(pattern.items, 0, 0, known_only=False), _MAX_CANDIDATES):
@@ -503,11 +538,15 @@ class _Matcher:
             near = tuple(dict.fromkeys(names))[:_MAX_NEAREST_NAMES]
             asked = f"{question.name}: {pattern.text()}"
             return SentenceNotUnderstoodError(self._sentence, unknown=phrases, names=near, questions=(asked,))
-        return self._unknown_wording()
+        return by_words
 
     def _unknown_wording(self) -> SentenceNotUnderstoodError:
         patterns = [(question, pattern) for question in list_questions() for pattern in sentence_patterns(question)]
         vocabulary = {word for _, pattern in patterns for word in pattern.words}
+        forms = {form: {_same_word(word) for word in form.split() if word[0] != "<"} for form in EXAMPLE_FORMS}
+        vocabulary |= (
+            {word for words in forms.values() for word in words} | OPERATORS | {*map(_same_word, GRAMMAR_WORDS)}
+        )
         unknown = [
             word
             for word in dict.fromkeys(self._words)
@@ -521,10 +560,18 @@ class _Matcher:
             score = (-shared / len(pattern.words | words), len(pattern.items), f"{question.name}: {pattern.text()}")
             if shared and score < nearest.get(question.name, (1.0, 0, "")):
                 nearest[question.name] = score
+        for form, own in forms.items():
+            shared = len(own & words)
+            score = (-shared / len(own | words), len(form.split()), form)
+            if shared:
+                nearest[form] = score
         names = [
             name
             for word in unknown[:_NEAREST]
-            for name in (*meant[word], *self._kb.names.nearest(word, EntityType.VALUE, limit=2))
+            for name in sorted(
+                (*meant[word], *self._kb.names.nearest(word, EntityType.VALUE, limit=2)),
+                key=lambda each: -SequenceMatcher(None, word, each.lower()).ratio(),
+            )
         ]
         return SentenceNotUnderstoodError(
             self._sentence,
@@ -535,10 +582,15 @@ class _Matcher:
 
     def _possible_patterns(self) -> Iterator[tuple[Question[Any], SentencePattern]]:
         present = {*self._words}
+        said = {*sentence_words(self._sentence)}
         for question in questions_with_words(present):
+            if said & PAST_WORDS and not question.about_past:
+                continue
             for pattern in sentence_patterns(question):
                 if pattern.words <= present and len(pattern.items) <= len(self._words):
-                    yield question, pattern
+                    shown = {word for item in pattern.shown if isinstance(item, str) for word in sentence_words(item)}
+                    if said & (OPERATORS | FUTURE_WORDS) <= shown:
+                        yield question, pattern
 
     def _matches(
         self, items: tuple[str | Slot, ...], at: int, start: int, *, known_only: bool
@@ -614,6 +666,24 @@ class _Matcher:
                 yield _Candidate(number if value_type is float else int(number))
         elif value_type is str:
             yield _Candidate(text)
+
+
+def is_only_map(kb: QuestionContext, text: str) -> bool:
+    """Whether a noun names the only map, and nothing in it."""
+    maps = kb.maps()
+    noun = kb.names.noun(text)
+    is_thing = noun is not None and (noun.individuals or noun.members)
+    return len(maps) == 1 and not is_thing and [each.iri for each in kb.names.things(text, EntityType.MAP)] == [*maps]
+
+
+def find_noun(kb: QuestionContext, find_body: FindBody | None, text: str) -> Noun | None:
+    """What a noun stands for, also a body that was spawned without a map."""
+    found = kb.names.noun(text)
+    if find_body is not None and not (found and found.individuals):
+        names = (text, text[:1].upper() + text[1:])  # words are in lower case, but ids may begin with a capital
+        if (body := next(filter(None, map(find_body, names)), None)) is not None:
+            return Noun((body,), found.members if found else ())
+    return found
 
 
 def _call_text(question: Question[Any], args: Mapping[str, object], *, full: bool = False) -> str:

@@ -193,6 +193,8 @@ class SkillSpec(msgspec.Struct, frozen=True, kw_only=True):
     alternatives: tuple[tuple[str, ...], ...]
     """Groups of parameters of which exactly one has to be given, such as a thing or coordinates."""
     needs: frozenset[SkillNeed]
+    wordings: tuple[str, ...] = ()
+    """Sentences that command it, such as "put {thing} on {on}"."""
 
     def parameter(self, name: str) -> SkillParameter:
         """The parameter of that name.
@@ -316,7 +318,11 @@ def split_command(command: str) -> tuple[str, list[str]]:
 
 
 def skill(
-    *, needs: Iterable[SkillNeed], alternatives: tuple[tuple[str, ...], ...] = (), name: str = ""
+    *,
+    needs: Iterable[SkillNeed],
+    alternatives: tuple[tuple[str, ...], ...] = (),
+    name: str = "",
+    wordings: Iterable[str] = (),
 ) -> Callable[[Callable[..., SkillMotion]], Skill]:
     """Declares a skill.
 
@@ -324,6 +330,7 @@ def skill(
         needs: what a robot must have to perform it.
         alternatives: groups of parameters of which exactly one has to be given.
         name: its name; by default that of the function.
+        wordings: sentences that command it; each argument in them is in braces.
     """
 
     def declare(function: Callable[..., SkillMotion]) -> Skill:
@@ -335,6 +342,7 @@ def skill(
             parameters=tuple(_parameters(function, documentation)),
             alternatives=alternatives,
             needs=frozenset(needs),
+            wordings=tuple(wordings),
         )
         return Skill(spec, function)
 

@@ -119,8 +119,11 @@ class PooledAnswers:
         """The answers as objects; they must have been wanted."""
         if self._answers is not None:
             return self._answers
-        name, args, rows, missing, classes, notes = pickle.loads(self._rows)
-        return Answers(get_question(name), args, rows, missing, kb=self._knowledge, classes=classes, notes=notes)
+        name, args, rows, missing, classes, notes, conclusion = pickle.loads(self._rows)
+        kb = self._knowledge
+        return Answers(
+            get_question(name), args, rows, missing, kb=kb, classes=classes, notes=notes, conclusion=conclusion
+        )
 
 
 @dataclass(slots=True, eq=False)

@@ -624,7 +624,12 @@ class Simulation:
         time, args = time_arguments(args, declared=argument_names(question))
         present = StateAccess(self.knowledge, self.current_state, simulation=self)
         resolved, known, notes = resolve_question(
-            self.knowledge, question, args, positional=positional, find_body=present.find_individual
+            self.knowledge,
+            question,
+            args,
+            positional=positional,
+            find_body=present.find_individual,
+            is_past=time != NOW,
         )
         if time != NOW or resolved.about_past:
             with recorded_so_far(self.observers.recorder) as running:

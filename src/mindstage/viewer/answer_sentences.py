@@ -46,6 +46,8 @@ def answer_sentence(answers: Answers[Any], labels: Mapping[str, str], *, asked: 
         text = str(value)
         return labels.get(text) or name_in_words(local_name(text) if "://" in text else text)
 
+    if answers.is_concluded:
+        return answers.conclusion.sentence
     name = answers.question.name
     is_yes_or_no = name in _DECIDED_BY_ROWS and _YES_OR_NO.match(asked) is not None
     if not answers:

@@ -87,12 +87,10 @@ class PartOf(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "what are the parts of {whole}",
         "(which|what) parts does {whole} have",
         "what does {whole} consist of",
         "what is {part} [a] part of",
         "what does {part} belong to",
-        "(is|are) {part} [a] part of {whole}",
         "what is {whole} made up of",
         "list [the] parts of {whole}",
     )
@@ -181,7 +179,6 @@ class HandleOf(AnswerRow, frozen=True, kw_only=True):
         "how do i open {individual}",
         "where do i (grasp|grip) {individual}",
         "what does {handle:Handle} open",
-        "does {individual} have a handle",
         "which handle opens {individual}",
         "whose handle is {handle:Handle}",
         "what is {handle:Handle} the handle of",
@@ -423,12 +420,11 @@ class IndividualDescription(AnswerRow, frozen=True, kw_only=True):
         "describe {individual}",
         "what do you know about {individual}",
         "tell me about {individual}",
-        "how (big|large|heavy|tall|wide|high|deep) is {individual}",
+        "how (big|large) is {individual}",
         "what (size|mass) does {individual} have",
-        "what is the (size|mass|weight|height|width|mesh|joint limit) of {individual}",
+        "what is the (size|mesh|joint limit) of {individual}",
         "which properties does {individual} have",
         "what kind of thing is {individual}",
-        "how much does {individual} weigh",
     )
 )
 def what_is(
@@ -569,11 +565,9 @@ class MapCounts(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "how many things are in {map}",
-        "count everything",
         "what does {map} contain in numbers",
         "how big is the map {map}",
-        "how many (objects|joints|individuals|things) are there",
+        "how many (joints|individuals) are there",
     )
 )
 def analyze(kb: QuestionContext, map: MapName | None = None) -> Iterator[MapCounts]:

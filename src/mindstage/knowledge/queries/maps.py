@@ -96,13 +96,9 @@ class MapMember(AnswerRow, frozen=True, kw_only=True):
 @question(
     sentences=(
         "what is in {map}",
-        "list everything",
         "what is there",
-        "what things are there",
-        "what objects are there",
         "which (things|objects) are in {map}",
         "what does the map {map} contain",
-        "show everything",
         "is {individual} in {map}",
         "does {individual} exist",
     )
@@ -142,19 +138,11 @@ class InstanceOfClass(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "which {cls} are there",
-        "what {cls} are there",
-        "list [all] {cls}",
-        "show [me] [all] {cls}",
-        "is there a {cls}",
-        "are there {cls}",
-        "which things are {cls}",
         "what class does {individual} have",
         "which classes does {individual} have",
         "is {individual} a kind of {cls}",
         "is {individual} an instance of {cls}",
         "what are the instances of {cls}",
-        "do we have {cls}",
     )
 )
 def individual_of_class(

@@ -491,14 +491,7 @@ class DistanceRow(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     needs="thing or other: the distances of all pairs of bodies are not listed",
-    sentences=(
-        "how far is {thing} [away] from {other}",
-        "how far apart are {thing} and {other}",
-        "what is the distance (between {thing} and|from {thing} to) {other}",
-        "how close is {thing} to {other}",
-        "how far is it from {thing} to {other}",
-        "how far from {thing} is {other}",
-    ),
+    sentences=("how far from {thing} is {other}",),
 )
 def distance(
     kb: QuestionContext,
@@ -599,10 +592,6 @@ class NeighborRow(AnswerRow, frozen=True, kw_only=True):
     needs="thing or position: the neighbors of all bodies are not listed",
     sentences=(
         "what is (nearest|closest) to {thing}",
-        "(what|which) is the (nearest|closest) {cls} to {thing}",
-        "what is the (nearest|closest) (thing|object) to {thing}",
-        "which {cls} is (nearest|closest) to {thing}",
-        "where is the (nearest|closest) {cls} to {thing}",
         "what are the {count} (nearest|closest) (things|objects) to {thing}",
         "which {count} {cls} are (nearest|closest) to {thing}",
         "what is (nearest|closest) to the position {position}",
@@ -749,11 +738,6 @@ class BetweenRow(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     needs="one and other: the bodies between all pairs of bodies are not listed",
-    sentences=(
-        "what (is|stands|lies) between {one} and {other}",
-        "is {thing} between {one} and {other}",
-        "which {thing} is between {one} and {other}",
-    ),
 )
 def is_between(
     kb: QuestionContext,

@@ -78,25 +78,8 @@ class SpatialRelationRow(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "where is {thing}",
-        "where can i find {thing}",
-        "where do i find {thing}",
-        "(find|locate) {thing}",
-        "(what|which thing|which object) is {relation} {other}",
-        "what is there {relation} {other}",
-        "what lies {relation} {other}",
-        "what stands {relation} {other}",
-        "is {thing} [still] {relation} {other}",
-        "(is|are) there {thing} {relation} {other}",
         "what is {thing} {relation}",
-        "(what|which thing) does {other} contain {relation=inside}",
         "what is the content of {other} {relation=inside}",
-        "which {thing} is {relation} {other}",
-        "(what|which thing|which {other}) contains {thing} {relation=inside}",
-        "which {other:Container} holds {thing} {relation=inside}",
-        "which {other} has {thing} (in|inside) it {relation=inside}",
-        "does {other} contain {thing} {relation=inside}",
-        "does {other:Container} hold {thing} {relation=inside}",
     ),
     is_relation=True,
 )
@@ -228,13 +211,8 @@ class JointOpenness(AnswerRow, frozen=True, kw_only=True):
 
 @question(
     sentences=(
-        "which (thing|container) is {state}",
-        "what is {state}",
-        "(is|which) {thing} [is] [still] {state}",
-        "(is|which) {part:PortalCovering,Drawer} [is] [still] {state}",
         "how far is {thing} (open|opened)",
         "how far is {part:PortalCovering,Drawer} (open|opened)",
-        "how open is {thing}",
         "what opens {thing}",
         "which doors and drawers does {thing} have",
         "what does {part:PortalCovering,Drawer} (open|close)",

@@ -41,7 +41,6 @@ class SubclassRelation(AnswerRow, frozen=True, kw_only=True):
         "which kinds of {superclass} are there",
         "which kinds of {superclass} exist",
         "what are the subclasses of {superclass}",
-        "is (every|each) {cls} a {superclass}",
         "is {cls} a subclass of {superclass}",
         "which classes are above {cls}",
         "which classes are below {superclass}",

@@ -46,7 +46,7 @@ _LEAST_PROGRESS = 0.08
 """Change of the openness in a round below which the next one is from another place, or another way."""
 
 
-@skill(name="open", needs=_NEEDS)
+@skill(name="open", needs=_NEEDS, wordings=("open {thing}", "open up {thing}"))
 def open_thing(task: SkillTask, thing: ThingName, fraction: FractionOpen = 1.0) -> SkillMotion:
     """Opens a door or drawer by its handle.
 
@@ -59,7 +59,7 @@ def open_thing(task: SkillTask, thing: ThingName, fraction: FractionOpen = 1.0) 
     yield from moving_part(task, part, fraction)
 
 
-@skill(name="close", needs=_NEEDS)
+@skill(name="close", needs=_NEEDS, wordings=("close {thing}", "shut {thing}"))
 def close_thing(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Closes a door or drawer.
 

@@ -20,7 +20,7 @@ _MAX_CANDIDATES = 4
 """Number of storage places, or of things of a kind, that are tried."""
 
 
-@skill(needs=_NEEDS)
+@skill(needs=_NEEDS, wordings=("put away {thing}", "put {thing} away", "tidy up {thing}", "tidy {thing} away"))
 def put_away(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Puts a thing where its kind is stored; opens what is closed, and closes it again.
 
@@ -70,7 +70,7 @@ def _closing_again(task: SkillTask, ids: list[BodyId]) -> SkillMotion:
             yield from moving_part(task, part, 0.0)
 
 
-@skill(needs=_NEEDS)
+@skill(needs=_NEEDS, wordings=("fetch {kind}", "fetch me {kind}", "bring {kind}", "bring me {kind}", "get me {kind}"))
 def fetch(task: SkillTask, kind: ClassName) -> SkillMotion:
     """Finds a thing of a kind, picks it up and brings it to where the robot started.
 

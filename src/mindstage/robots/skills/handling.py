@@ -82,7 +82,7 @@ _MAX_NAMES = 3
 _POUR_ANGLE_RAD, _POUR_STEPS, _POUR_GAP_M, _POUR_S = 1.9, 20, 0.06, 2.0
 
 
-@skill(needs=_NEEDS)
+@skill(needs=_NEEDS, wordings=("grasp {thing}", "grip {thing}"))
 def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Grasps a thing where it is, from where the robot stands.
 
@@ -96,7 +96,7 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
         yield from _grasping(task, hand, id, upright=None, stays=True)
 
 
-@skill(needs=_NEEDS)
+@skill(needs=_NEEDS, wordings=("let go",))
 def release(task: SkillTask) -> SkillMotion:
     """Opens the gripper and moves it away from what it held."""
     hand = hand_with(task)
@@ -109,7 +109,10 @@ def release(task: SkillTask) -> SkillMotion:
         task.moved[held] = None
 
 
-@skill(needs=_NEEDS)
+@skill(
+    needs=_NEEDS,
+    wordings=("pick up {thing}", "pick {thing} up", "take {thing}", "grab {thing}", "lift {thing}", "lift up {thing}"),
+)
 def pick(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Drives to a thing, grasps it and lifts it; opens what it is in.
 
@@ -119,7 +122,15 @@ def pick(task: SkillTask, thing: ThingName) -> SkillMotion:
     yield from pick_up(task, task.surroundings().find(thing))
 
 
-@skill(needs=_NEEDS, alternatives=(("on",), ("into",)))
+@skill(
+    needs=_NEEDS,
+    alternatives=(("on",), ("into",)),
+    wordings=tuple(
+        f"{verb} {{thing}} {words}"
+        for verb in ("put", "place", "set", "lay")
+        for words in ("on {on}", "onto {on}", "on top of {on}", "in {into}", "into {into}", "inside {into}")
+    ),
+)
 def place(
     task: SkillTask, thing: ThingName, on: SupportName | None = None, into: SupportName | None = None
 ) -> SkillMotion:
@@ -135,7 +146,7 @@ def place(
     yield from put_down(task, id, holder, inside=on is None)
 
 
-@skill(needs=_NEEDS)
+@skill(needs=_NEEDS, wordings=("pour {thing} into {into}", "pour from {thing} into {into}"))
 def pour(task: SkillTask, thing: ThingName, into: SupportName) -> SkillMotion:
     """Tilts a thing over a container so that what is in it falls out; picks it up first if it is not held.
 

@@ -32,7 +32,11 @@ _WAY_TESTS = 8000
 """Number of poses that the search for a way to each place tests."""
 
 
-@skill(needs=(SkillNeed.MOBILE_BASE,), alternatives=(("thing",), ("x", "y", "yaw")))
+@skill(
+    needs=(SkillNeed.MOBILE_BASE,),
+    alternatives=(("thing",), ("x", "y", "yaw")),
+    wordings=("go to {thing}", "drive to {thing}", "move to {thing}"),
+)
 def go_to(
     task: SkillTask,
     thing: ThingName | None = None,
@@ -110,7 +114,7 @@ def _parking_empty_hands(task: SkillTask) -> SkillMotion:
             yield from hand.parking()
 
 
-@skill(needs=(SkillNeed.HEAD,))
+@skill(needs=(SkillNeed.HEAD,), wordings=("look at {thing}",))
 def look_at(task: SkillTask, thing: ThingName) -> SkillMotion:
     """Turns the head towards a thing.
 
@@ -165,7 +169,7 @@ def _head_positions(task: SkillTask, head: Head, point: Array) -> tuple[dict[str
     return dict(zip(head.joints, best.tolist(), strict=True)), off(best)
 
 
-@skill(needs=(SkillNeed.ARM,), alternatives=(("thing",), ("x", "y", "z")))
+@skill(needs=(SkillNeed.ARM,), alternatives=(("thing",), ("x", "y", "z")), wordings=("reach for {thing}",))
 def reach(
     task: SkillTask,
     thing: ThingName | None = None,
