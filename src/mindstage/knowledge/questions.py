@@ -450,11 +450,6 @@ class Answers(Sequence[R]):
         reasons = "; ".join(lack.reason for lack in self.missing[:_MAX_NAMED_ROWS])
         return Conclusion(f"No answer: {reasons}." if reasons else "No answer.", truth=False)
 
-    @property
-    def is_concluded(self) -> bool:
-        """Whether the question itself gives the conclusion."""
-        return self._conclusion is not None
-
     def _named_rows(self) -> str:
         """The first different subjects of the rows."""
         if self.subject_column is None:
