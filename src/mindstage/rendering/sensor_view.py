@@ -333,10 +333,13 @@ class SensorRasterizer(Drawing):
             colors = [strength * lamp.intensity * srgb_to_linear(np.array(lamp.color)) for lamp in lamps]
             program.set("lamp_colors", np.array(colors).reshape(-1, 3))
         visible = [each for each in self._ranges if seen[each.item]]
-        self._draw_textured(program, [each for each in visible if each.is_opaque])
+        # What is hidden by what was drawn before costs no light: large things are near the camera, not their centers.
+        distances = np.linalg.norm(centers, axis=1) - self._spheres[:, 3]
+        near_first = sorted((each for each in visible if each.is_opaque), key=lambda each: distances[each.item])
+        self._draw_textured(program, near_first)
         behind = sorted(
             (each for each in visible if not each.is_opaque),
-            key=lambda each: -float(np.linalg.norm(centers[each.item])),
+            key=lambda each: -distances[each.item],
         )
         if behind:
             gl.glEnable(codes.BLEND)

@@ -477,7 +477,7 @@ void main() {
     if (dot(normal, toward) < 0.0) normal = -normal;
     vec4 tint = base;
     if (is_textured) tint *= texture(color_map, texture_uv);
-    vec3 albedo = pow(tint.rgb, vec3(2.2));
+    vec3 albedo = tint.rgb * tint.rgb * (0.3 * tint.rgb + 0.7);  // near its power 2.2
     float cosine = max(dot(normal, to_sun), 0.0);
     float lit = cosine > 0.0 ? sunlight(normal, cosine) : 0.0;
     vec3 light = mix(FLOOR_LIGHT, SKY, (normal.z + 1.0) / 2.0) * sky + SUN * (sun * cosine * lit);
