@@ -186,7 +186,10 @@ def check_views(sim: Simulation, models: list[CameraModel], count: int) -> None:
         is_near = np.abs(seen - depth) < 1e-3 + 1e-4 * depth
         agreed, pixels = agreed + int(is_near.sum()), pixels + depth.size
         codes = np.unique(ids.astype(str), return_inverse=True)[1].reshape(ids.shape)
-        is_edge = neighbors(bend(depth) > 1e-3).any(axis=0) | (neighbors(codes) != codes).any(axis=0)
+        is_edge = np.ones(ids.shape, dtype=bool)  # at the border, an edge may be outside of the image
+        is_edge[1:-1, 1:-1] = (neighbors(bend(depth) > 1e-3).any(axis=0) | (neighbors(codes) != codes).any(axis=0))[
+            1:-1, 1:-1
+        ]
         assert (is_near | is_edge).all(), f"view {number}: {np.argwhere(~(is_near | is_edge))[:5]}"
         names = {0: "", **{label: str(each.id) for label, each in image.segmentation.legend.items()}}
         same = np.vectorize(names.__getitem__, otypes=[object])(image.segmentation.labels) == ids

@@ -162,7 +162,8 @@ class Drawing:
 
     def _enable_attributes(self) -> None:
         """Takes the attributes of vertices from the bound buffer, for the bound array."""
-        gl, fields = self._gl, VERTEX.fields or {}
+        gl, fields = self._gl, VERTEX.fields
+        assert fields is not None
         for location, (name, count, is_bytes) in enumerate(ATTRIBUTES):
             gl.glEnableVertexAttribArray(location)
             kind = codes.UNSIGNED_BYTE if is_bytes else codes.FLOAT

@@ -147,7 +147,7 @@ class _Range(NamedTuple):
     is_opaque: bool
     item: int
     first: int
-    count: int
+    length: int
 
 
 class SensorRasterizer(Drawing):
@@ -401,7 +401,7 @@ class SensorRasterizer(Drawing):
             self._draw(group)
 
     def _draw(self, ranges: Iterable[_Range]) -> None:
-        chosen = [(4 * each.first, each.count) for each in ranges]
+        chosen = [(4 * each.first, each.length) for each in ranges]
         if not chosen:
             return
         first, count = np.array(chosen, dtype=np.int64).T

@@ -6,6 +6,7 @@ Cameras have their intrinsics, distortion, range, rate, noise and pose from ther
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -95,7 +96,7 @@ def _camera(element: ElementTree.Element, notes: list[ModelNote], link: str) -> 
     width, height = (
         int(_number(camera, f"image/{side}", default)) for side, default in (("width", 320), ("height", 240))
     )
-    others = {
+    others: dict[str, Any] = {
         "near_m": _number(camera, "clip/near", 0.1),
         "far_m": _number(camera, "clip/far", 100.0),
         "rate_hz": _number(element, "update_rate", 30.0) or 30.0,
