@@ -179,7 +179,7 @@ def check_views(sim: Simulation, model: CameraModel, count: int, *, agreed: floa
     """
     random = np.random.default_rng(38)
     equal, beside, pixels = 0, 0, 0
-    for number in range(count):
+    for _ in range(count):
         eye = (float(random.uniform(-1.2, 1.2)), float(random.uniform(-0.2, 0.7)), float(random.uniform(1.0, 2.2)))
         at = (float(random.uniform(-2.2, 2.2)), float(random.choice([-1.7, 1.7])), float(random.uniform(0.1, 2.0)))
         camera = sim.add_camera("view", model, at=looking(eye, at, float(random.uniform(-3, 3))))
