@@ -45,7 +45,7 @@ def test_a_camera_of_gazebo_has_its_intrinsics_pose_and_noise_and_others_are_nam
     assert axes(eye)[:, 1] == pytest.approx([0.0, 0.0, -1.0], abs=1e-6)
     notes = " ".join(each.text for each in model.notes)
     assert "the sensor sonar of type 'sonar' is left out" in notes
-    assert "the camera blind is left out: width 0" in notes
+    assert "the camera blind is left out: size 0" in notes
 
 
 def test_a_camera_of_mjcf_looks_along_its_negative_z_axis(tmp_path: Path) -> None:
