@@ -288,9 +288,9 @@ def test_shadows_fall_where_the_sun_says() -> None:
         camera = sim.add_camera("test", at=looking((0.0, -3.0, 3.0), (0.0, 0.0, 0.0)))
         toward = np.array([np.cos(0.9) * np.cos(0.9), np.cos(0.9) * np.sin(0.9), np.sin(0.9)])
         shadow = np.array([0.0, 0.0, 1.0]) - toward / toward[2]
-        lit = shadow * [-1.0, 1.0, 1.0]
+        beside = shadow * [-1.0, 1.0, 1.0]
         rotation = rotation_matrix(np.array(camera.pose.quaternion))
-        places = (np.stack([shadow, lit]) - camera.pose.position) @ rotation
+        places = (np.stack([shadow, beside]) - camera.pose.position) @ rotation
         (column, row), (other_column, other_row) = np.rint(camera.model.project(places)).astype(int)
         image = camera.rgb().astype(int)
         assert image[row, column].sum() < 0.9 * image[other_row, other_column].sum()

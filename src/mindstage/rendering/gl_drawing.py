@@ -22,7 +22,7 @@ __all__ = [
     "ATTRIBUTES",
     "VERTEX",
     "Drawing",
-    "MeshPart",
+    "FramedMesh",
     "Program",
     "TextureKey",
     "merged_vertices",
@@ -221,7 +221,7 @@ TextureKey = str | int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MeshPart:
+class FramedMesh:
     """A mesh in the world frame."""
 
     columns: Array
@@ -231,7 +231,7 @@ class MeshPart:
     faces: NDArray[np.int64]
 
 
-def mesh_part(visual: VisualMesh, rotation: Array, position: Array, number: int) -> MeshPart:
+def mesh_part(visual: VisualMesh, rotation: Array, position: Array, number: int) -> FramedMesh:
     """A mesh in another frame.
 
     Args:
@@ -252,10 +252,12 @@ def mesh_part(visual: VisualMesh, rotation: Array, position: Array, number: int)
     columns[:, 8] = number
     material = visual.material
     surface = material.roughness, material.metalness, min(material.emission, 1.0), 0.0
-    return MeshPart(columns, np.array((*material.color, material.opacity, *surface)), faces)
+    return FramedMesh(columns, np.array((*material.color, material.opacity, *surface)), faces)
 
 
-def merged_vertices(parts: Sequence[MeshPart], clip_height: float | None) -> tuple[NDArray[np.void], NDArray[np.int64]]:
+def merged_vertices(
+    parts: Sequence[FramedMesh], clip_height: float | None
+) -> tuple[NDArray[np.void], NDArray[np.int64]]:
     """Joins meshes to an array of `VERTEX` and faces; nothing above the clipping height is kept [m]."""
     counts = [len(part.columns) for part in parts]
     starts = np.cumsum([0, *counts])

@@ -28,7 +28,7 @@ from mindstage.rendering.gl_context import OffscreenContext, OpenGL
 from mindstage.rendering.gl_drawing import (
     VERTEX,
     Drawing,
-    MeshPart,
+    FramedMesh,
     Program,
     TextureKey,
     merged_vertices,
@@ -167,9 +167,9 @@ class _SceneMeshes:
             self.batches.insert(0, _Batch("", False, True, first, square.size))
         self.vertices, self.faces = np.concatenate(vertices), np.concatenate(faces)
 
-    def _parts(self, scene: RenderScene, eye: Array) -> Iterator[tuple[_BatchKey, list[MeshPart]]]:
+    def _parts(self, scene: RenderScene, eye: Array) -> Iterator[tuple[_BatchKey, list[FramedMesh]]]:
         """What is drawn by one call each: opaque parts, then transparent ones from the farthest to the nearest."""
-        groups: dict[_BatchKey, list[MeshPart]] = {}
+        groups: dict[_BatchKey, list[FramedMesh]] = {}
         for number, item in enumerate(scene.items, start=1):
             if not item.shown:
                 continue

@@ -479,8 +479,8 @@ void main() {
     if (is_textured) tint *= texture(color_map, texture_uv);
     vec3 albedo = tint.rgb * tint.rgb * (0.3 * tint.rgb + 0.7);  // near its power 2.2
     float cosine = max(dot(normal, to_sun), 0.0);
-    float lit = cosine > 0.0 ? sunlight(normal, cosine) : 0.0;
-    vec3 light = mix(FLOOR_LIGHT, SKY, (normal.z + 1.0) / 2.0) * sky + SUN * (sun * cosine * lit);
+    float sun_share = cosine > 0.0 ? sunlight(normal, cosine) : 0.0;
+    vec3 light = mix(FLOOR_LIGHT, SKY, (normal.z + 1.0) / 2.0) * sky + SUN * (sun * cosine * sun_share);
     for (int number = 0; number < lamp_count; ++number) {
         vec3 offset = lamp_points[number] - point;
         float square = dot(offset, offset) + LAMP_RADIUS * LAMP_RADIUS;
@@ -490,7 +490,7 @@ void main() {
     float power = min(2.0 / (square * square), 600.0);
     float glint = (power + 8.0) / 25.0 * pow(max(dot(normal, normalize(toward + to_sun)), 0.0), power);
     vec3 reflectance = mix(vec3(0.04), albedo, material.y);
-    vec3 shine = reflectance * (sky * (0.5 + 0.5 * normal.z) + SUN * (sun * cosine * lit * min(glint, 4.0)));
+    vec3 shine = reflectance * (sky * (0.5 + 0.5 * normal.z) + SUN * (sun * cosine * sun_share * min(glint, 4.0)));
     vec3 diffuse = albedo * (1.0 - 0.8 * material.y) * light + albedo * (material.z * 1.6);
     vec3 opaque = tone_mapped(diffuse + shine);
     color = vec4(opaque * tint.a, tint.a);

@@ -1,4 +1,4 @@
-"""What renders the cameras of a simulation: one thread with an OpenGL context, in which meshes stay uploaded."""
+"""The cameras of a simulation by name, and what renders them: a thread with OpenGL, in which meshes stay uploaded."""
 
 from __future__ import annotations
 
@@ -7,19 +7,21 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Protocol
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from mindstage.errors import BodyNotFoundError, InvalidArgumentError, RendererUnavailableError
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError, NameNotFoundError, RendererUnavailableError
 from mindstage.rendering.gl_context import OffscreenContext
 from mindstage.rendering.render_scene import ClassKnowledge, RenderScene, described_world, render_scene
 from mindstage.rendering.screenshot import DEFAULT_CAMERA
 from mindstage.rendering.sensor_view import PinholeView, SensorImages, SensorLighting, SensorRasterizer
-from mindstage.scene import BodyId, GeometryMap, World
+from mindstage.scene import BodyId, GeometryMap, PoseLike, World
 from mindstage.scene.transforms import Array, normalize, normalized_pose_array
-from mindstage.sensors.camera import SeenBody, optical_pose
-from mindstage.sensors.camera_model import CameraMount
+from mindstage.scene.world_model import as_pose
+from mindstage.sensors.camera import Camera, SeenBody, optical_pose
+from mindstage.sensors.camera_model import CameraModel, CameraMount
 
-__all__ = ["CameraStage", "SensedSession", "SensedState"]
+__all__ = ["CameraSet", "CameraStage", "HasCameras", "SensedSession", "SensedState"]
 
 _TIMEOUT_S = 120.0
 """Longest wait for an image: the first one uploads meshes and bakes textures [s]."""
@@ -201,3 +203,71 @@ class CameraStage:
         context, self._context, self._rasterizer, self._revision = self._context, None, None, None
         if context is not None:
             context.close()
+
+
+class HasCameras(Protocol):
+    """A robot."""
+
+    @property
+    def cameras(self) -> tuple[CameraMount, ...]:
+        """Its cameras."""
+
+
+class SessionWithRobots(SensedSession, Protocol):
+    """A simulation."""
+
+    @property
+    def robots(self) -> Mapping[str, HasCameras]:
+        """The robots by name."""
+
+
+class CameraSet:
+    """The cameras of one simulation."""
+
+    def __init__(self, session: SessionWithRobots) -> None:
+        """There are those of robots first.
+
+        Args:
+            session: the simulation.
+        """
+        self._session = session
+        self._stage = CameraStage(session)
+        self._added: dict[str, CameraMount] = {}
+
+    def mounts(self) -> dict[str, CameraMount]:
+        """All cameras: those that were added by name, then those of robots by ROBOT/NAME."""
+        found = dict(self._added)
+        for name, robot in self._session.robots.items():
+            found |= {f"{name}/{each.name}": replace(each, name=f"{name}/{each.name}") for each in robot.cameras}
+        return found
+
+    def camera(self, name: str) -> Camera:
+        """See `Simulation.camera`."""
+        mounts = self.mounts()
+        for key in ((lambda full: full), (lambda full: full.rpartition("/")[2]), _beginning):
+            found = [full for full in mounts if key(full) == name or not name]
+            if len(found) == 1:
+                return Camera(mounts[found[0]], self._stage)
+            if found:
+                cause = f"{name or 'no name'} may stand for {' or '.join(found)}"
+                raise InvalidArgumentError("a camera", cause=cause, remedy="give the whole name of one of them")
+        raise NameNotFoundError(name or "camera", entity_type="camera", known=mounts)
+
+    def add(self, name: str, model: CameraModel | None, *, at: PoseLike, on: BodyId | None) -> Camera:
+        """See `Simulation.add_camera`."""
+        self._added[name] = CameraMount(
+            name=name, model=model or CameraModel(), body=on, pose=as_pose(at, "at"), frame=f"{name}_optical_frame"
+        )
+        return Camera(self._added[name], self._stage)
+
+    def copy_from(self, other: CameraSet) -> None:
+        """Adds the cameras that were added to another simulation."""
+        self._added |= other._added
+
+    def close(self) -> None:
+        """Frees what renders."""
+        self._stage.close()
+
+
+def _beginning(name: str) -> str:
+    return name.rpartition("/")[2].partition("_")[0]

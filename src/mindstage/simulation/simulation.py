@@ -96,7 +96,7 @@ if TYPE_CHECKING:
     from mindstage.scene import PoseLike
     from mindstage.sensors.camera import Camera
     from mindstage.sensors.camera_model import CameraModel
-    from mindstage.sensors.camera_set import CameraSet
+    from mindstage.sensors.stage import CameraSet
 
 __all__ = ["Simulation"]
 
@@ -1020,7 +1020,7 @@ class Simulation:
 
     def _camera_set(self) -> CameraSet:
         if self._cameras is None:
-            from mindstage.sensors.camera_set import CameraSet
+            from mindstage.sensors.stage import CameraSet
 
             self._cameras = CameraSet(self)
             self.on_close(self._cameras.close)
