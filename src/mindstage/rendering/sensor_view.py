@@ -45,6 +45,7 @@ _SHADOW_SIZE_PX = 1024
 _POSES_PER_ROW = 4096
 """Poses in a row of the texture that has them, of three texels each."""
 _OPAQUE_SHARE = 0.995
+"""Opacity, as a fraction, from which on a material is opaque."""
 _GROUND_M = (400.0, 400.0, 0.2)
 _GROUND_MATERIAL = PbrMaterial(name="ground", color=(0.80, 0.80, 0.79), roughness=0.9)
 _SKY = (0.82, 0.87, 0.91)

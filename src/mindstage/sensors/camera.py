@@ -9,7 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -20,9 +20,6 @@ from mindstage.rendering.sensor_view import PinholeView, SensorImages, SensorLig
 from mindstage.scene import BodyId, Iri, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, rotation_matrix
 from mindstage.sensors.camera_model import CameraModel, CameraMount, undistorted
-
-if TYPE_CHECKING:
-    from mindstage.sensors.stage import CameraStage
 
 __all__ = ["Camera", "CameraImages", "SeenBody", "Segmentation"]
 
@@ -105,12 +102,12 @@ class CameraImages(NamedTuple):
 class Camera:
     """A camera of a simulation; made by `Simulation.camera`. Images are of the latest published state."""
 
-    def __init__(self, mount: CameraMount, stage: CameraStage) -> None:
+    def __init__(self, mount: CameraMount, stage: Any) -> None:
         """Takes no image yet.
 
         Args:
             mount: where it is, and how it projects.
-            stage: what renders the simulation.
+            stage: what renders the simulation, a `CameraStage`.
         """
         self.mount = mount
         self.lighting = SensorLighting()

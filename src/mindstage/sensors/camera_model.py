@@ -32,6 +32,7 @@ __all__ = ["CameraModel", "CameraMount", "CameraNoise", "undistorted"]
 ImageSide = Annotated[int, Meta(ge=1, le=8192)]
 """Width or height of an image [px]; OpenGL renders no more."""
 _ITERATIONS = 50
+"""Number of steps in which a distortion is inverted."""
 _CONVERGED = 1e-7
 """Largest error of the inverse of a distortion, at a distance of 1."""
 
