@@ -11,7 +11,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -28,6 +28,7 @@ def measure() -> Iterator[Measure]:
     with tempfile.TemporaryDirectory() as folder:
         yield from _whole_processes(Path(folder))
         yield from _rendering(Path(folder))
+        yield from _cameras(Path(folder))
         yield from _shapes(Path(folder))
 
 
@@ -75,6 +76,55 @@ def _rendering(folder: Path) -> Iterator[Measure]:
     yield Measure(
         what="rendering of the bundled kitchen, 1280 x 800", ours=ours, peer=_MUJOCO, theirs=theirs, at_most=2.0
     )
+
+
+def _cameras(folder: Path) -> Iterator[Measure]:
+    """Images of a camera, of which the meshes are uploaded, by CPU time: OpenGL in software uses all cores."""
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    import mujoco
+    import numpy as np
+
+    import mindstage as ms
+    from mindstage.scene.transforms import quaternion_from_matrix
+
+    eye, middle = np.array([1.5, -0.6, 1.6]), np.array([-0.5, 1.5, 0.8])
+    away = middle - eye
+    right = np.cross(away, [0.0, 0.0, 1.0])
+    axes = [each / np.linalg.norm(each) for each in (right, np.cross(away, right), away)]
+    path, distance = folder / "cameras.xml", float(np.linalg.norm(away))
+    with ms.open("bundled:kitchen") as sim:
+        sim.save(path)
+        camera = sim.add_camera("benchmark", at=[*eye, *quaternion_from_matrix(np.stack(axes, axis=1))])
+        camera.capture()
+        model = mujoco.MjModel.from_xml_path(str(path))
+        data, view = mujoco.MjData(model), mujoco.MjvCamera()
+        mujoco.mj_forward(model, data)
+        view.lookat[:], view.distance = middle, distance
+        view.azimuth, view.elevation = np.degrees([np.arctan2(away[1], away[0]), np.arcsin(away[2] / distance)])
+        renderer = mujoco.Renderer(model, 480, 640)
+
+        def peer() -> None:
+            renderer.update_scene(data, view)
+            renderer.render()
+
+        what = "of a camera in the bundled kitchen, 640 x 480, CPU time"
+        yield Measure(what=f"color {what}", ours=_cpu_s(camera.rgb), peer=_MUJOCO, theirs=_cpu_s(peer), at_most=1.2)
+        renderer.enable_depth_rendering()
+        depth_s = _cpu_s(peer)
+        renderer.disable_depth_rendering()
+        renderer.enable_segmentation_rendering()
+        both = f"{_MUJOCO}, depth and segmentation"
+        yield Measure(what=f"depth and ids {what}", ours=_cpu_s(camera.depth), peer=both, theirs=depth_s + _cpu_s(peer))
+        renderer.close()
+
+
+def _cpu_s(function: Callable[[], object]) -> float:
+    times = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        function()
+        times.append(time.process_time() - start)
+    return median(times)
 
 
 def _shapes(folder: Path) -> Iterator[Measure]:

@@ -139,7 +139,7 @@ def upward_references(path: Path, root: Path = ROOT) -> Iterator[str]:
     assert own is not None, path
     strings = {name for name in named_modules(path, root) if module_of(name) != "mindstage"}  # such as a file's name
     if own == "registry":
-        strings -= {"mindstage.engines"}  # a group of entry points
+        strings -= {"mindstage.engines", "mindstage.sensors"}  # groups of entry points
     for name in dict.fromkeys((*imported_names(path, root), *sorted(strings))):
         target = module_of(name)
         package = package_of(target) if target is not None else None

@@ -80,7 +80,7 @@ _MODULES = {
 
 _PACKAGES = (
     *("access", "assets", "bridge", "engines", "episodes", "errors", "geometry", "gym", "homes", "imagination"),
-    *("knowledge", "maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "simulation"),
+    *("knowledge", "maps", "msgs", "prolog", "rdf", "rendering", "robots", "ros", "scene", "sensors", "simulation"),
     *("textures", "viewer"),
 )
 """Those with a page in the reference."""

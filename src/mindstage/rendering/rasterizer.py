@@ -20,15 +20,24 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from mindstage.errors import RendererUnavailableError
+from mindstage.rendering import gl_codes as codes
 from mindstage.rendering import shaders
 from mindstage.rendering.annotations import Outline, annotate
 from mindstage.rendering.camera import CameraPose, ViewFrame, corners
 from mindstage.rendering.gl_context import OffscreenContext, OpenGL
+from mindstage.rendering.gl_drawing import (
+    VERTEX,
+    Drawing,
+    FramedMesh,
+    Program,
+    TextureKey,
+    merged_vertices,
+    mesh_part,
+    repeat_length,
+)
 from mindstage.rendering.render_scene import RenderItem, RenderLight, RenderScene
-from mindstage.scene import PbrMaterial, VisualMesh
+from mindstage.scene import PbrMaterial
 from mindstage.scene.colors import srgb_to_linear
-from mindstage.scene.mesh import cut_above, face_normals
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_array, rotation_matrix
 from mindstage.textures.baking import texture_levels
 
@@ -98,32 +107,12 @@ def render_picture(scene: RenderScene, size: tuple[int, int]) -> Bytes:
 
 # -- meshes ------------------------------------------------------------------------------------------------------------
 
-_VERTEX = np.dtype(
-    [
-        *(("position", "<f4", 3), ("normal", "<f4", 3), ("uv", "<f4", 2)),
-        *(("color", "u1", 4), ("material", "u1", 4), ("number", "<f4")),
-    ]
-)
-_ATTRIBUTES = (
-    ("position", 3, 0),
-    ("normal", 3, 0),
-    ("uv", 2, 0),
-    ("color", 4, 1),
-    ("material", 4, 1),
-    ("number", 1, 0),
-)
-"""Name, number of components, and whether these are bytes from 0 to 1; in the order of their locations."""
-_COLUMNS = {"position": slice(0, 3), "normal": slice(3, 6), "uv": slice(6, 8)}
-
-_TextureKey = str | int
-"""The name of a procedural texture, empty for none, or the identity of an image."""
-
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
     """Triangles that are drawn by one call."""
 
-    texture: _TextureKey
+    texture: TextureKey
     casts_shadow: bool
     is_opaque: bool
     first: int
@@ -131,18 +120,7 @@ class _Batch:
     count: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """A mesh in the world frame."""
-
-    columns: Array
-    """n x 9: points, normals, texture coordinates and the number of the item."""
-    factors: Array
-    """Color, opacity, roughness, metalness, emission, and 0 for what is not the ground; from 0 to 1."""
-    faces: NDArray[np.int64]
-
-
-_BatchKey = tuple[_TextureKey, bool, bool]
+_BatchKey = tuple[TextureKey, bool, bool]
 """The texture, whether a shadow is cast, and whether the material is opaque."""
 
 
@@ -155,25 +133,25 @@ class _SceneMeshes:
         Args:
             scene: the scene; its items are numbered from 1 in their order.
         """
-        self.images: dict[_TextureKey, Bytes] = {}
+        self.images: dict[TextureKey, Bytes] = {}
         """The images that are no procedural textures."""
-        self.repeats: dict[_TextureKey, tuple[float, float]] = {}
+        self.repeats: dict[TextureKey, tuple[float, float]] = {}
         """The depth of the nearest vertex with a texture, and the length over which the texture repeats [m]."""
         self.center, self.radius = _bounds(scene)
         self.nearest = math.inf
         """Depth of the nearest vertex, without the ground; negative behind the camera [m]."""
         self.batches: list[_Batch] = []
         view, start, first = ViewFrame(scene.camera, (1, 1)), 0, 0
-        vertices, faces, casters = [np.zeros(0, _VERTEX)], [np.zeros((0, 3), np.uint32)], [np.zeros((0, 3))]
+        vertices, faces, casters = [np.zeros(0, VERTEX)], [np.zeros((0, 3), np.uint32)], [np.zeros((0, 3))]
         for (texture, casts_shadow, is_opaque), parts in self._parts(scene, view.eye):
-            part_vertices, indices = _merged(parts, scene.clip_height)
+            part_vertices, indices = merged_vertices(parts, scene.clip_height)
             if not len(indices):
                 continue
             depth = float(((part_vertices["position"] - view.eye) @ view.forward).min())
             self.nearest = min(self.nearest, depth)
             if texture:
                 before = self.repeats.get(texture, (math.inf, 0.0))
-                self.repeats[texture] = min(before[0], depth), max(before[1], _repeat_length(part_vertices, indices))
+                self.repeats[texture] = min(before[0], depth), max(before[1], repeat_length(part_vertices, indices))
             if casts_shadow:
                 casters.append(part_vertices["position"])
             self.batches.append(_Batch(texture, casts_shadow, is_opaque, first, indices.size))
@@ -189,9 +167,9 @@ class _SceneMeshes:
             self.batches.insert(0, _Batch("", False, True, first, square.size))
         self.vertices, self.faces = np.concatenate(vertices), np.concatenate(faces)
 
-    def _parts(self, scene: RenderScene, eye: Array) -> Iterator[tuple[_BatchKey, list[_Part]]]:
+    def _parts(self, scene: RenderScene, eye: Array) -> Iterator[tuple[_BatchKey, list[FramedMesh]]]:
         """What is drawn by one call each: opaque parts, then transparent ones from the farthest to the nearest."""
-        groups: dict[_BatchKey, list[_Part]] = {}
+        groups: dict[_BatchKey, list[FramedMesh]] = {}
         for number, item in enumerate(scene.items, start=1):
             if not item.shown:
                 continue
@@ -207,61 +185,16 @@ class _SceneMeshes:
                 has_holes = image is not None and image.shape[2] == 4 and bool((image[..., 3] < 255).any())
                 is_opaque = visual.material.opacity >= _OPAQUE_SHARE and not has_holes
                 key = texture, item.casts_shadow and is_opaque, is_opaque
-                groups.setdefault(key, []).append(_in_world(visual, rotation, pose[:3], number))
+                groups.setdefault(key, []).append(mesh_part(visual, rotation, pose[:3], number))
         yield from ((key, parts) for key, parts in groups.items() if key[2])
         transparent = [(key, part) for key, parts in groups.items() if not key[2] for part in parts]
         transparent.sort(key=lambda each: -float(np.linalg.norm(each[1].columns[:, :3].mean(axis=0) - eye)))
         yield from ((key, [part]) for key, part in transparent)
 
 
-def _in_world(visual: VisualMesh, rotation: Array, position: Array, number: int) -> _Part:
-    points, normals, uv, faces = visual.points, visual.normals, visual.uv, visual.faces.astype(np.int64)
-    if normals is None:  # corners of flat faces are not shared
-        normals, at = face_normals(points, faces).repeat(3, axis=0), faces.reshape(-1)
-        points, uv = points[at], None if uv is None else uv[at]
-        faces = np.arange(len(points)).reshape(-1, 3)
-    columns = np.zeros((len(points), 9))
-    columns[:, :3] = points @ rotation + position
-    columns[:, 3:6] = normals @ rotation
-    if uv is not None:
-        columns[:, 6:8] = uv
-    columns[:, 8] = number
-    material = visual.material
-    surface = material.roughness, material.metalness, min(material.emission, 1.0), 0.0
-    return _Part(columns, np.array((*material.color, material.opacity, *surface)), faces)
-
-
-def _merged(parts: Sequence[_Part], clip_height: float | None) -> tuple[NDArray[np.void], NDArray[np.int64]]:
-    counts = [len(part.columns) for part in parts]
-    starts = np.cumsum([0, *counts])
-    faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
-    columns = np.concatenate([part.columns for part in parts])
-    factors = np.repeat([part.factors for part in parts], counts, axis=0)
-    if clip_height is not None:
-        columns = np.concatenate([columns, factors], axis=1)
-        columns, faces = cut_above(columns, faces, columns[:, 2], clip_height)
-        columns, factors = columns[:, :9], columns[:, 9:]
-    vertices = np.zeros(len(columns), _VERTEX)
-    for name, column in _COLUMNS.items():
-        vertices[name] = columns[:, column]
-    vertices["number"] = columns[:, 8]
-    whole = np.clip(np.rint(factors * 255), 0, 255).astype(np.uint8)
-    vertices["color"], vertices["material"] = whole[:, :4], whole[:, 4:]
-    return vertices, faces
-
-
-def _repeat_length(vertices: NDArray[np.void], faces: NDArray[np.integer[Any]]) -> float:
-    """Over which length on the surface the texture coordinates grow by 1 [m]."""
-    points, uv = vertices["position"][faces].astype(float), vertices["uv"][faces].astype(float)
-    across = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
-    one, other = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    area = float(np.abs(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]).sum())
-    return math.sqrt(float(np.linalg.norm(across, axis=1).sum()) / max(area, 1e-9))
-
-
 def _ground(height: float, center: Array, radius: float) -> tuple[NDArray[np.void], NDArray[np.uint32]]:
     half = _GROUND_RADII * radius
-    vertices = np.zeros(4, _VERTEX)
+    vertices = np.zeros(4, VERTEX)
     square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]]) + center[:2]
     vertices["position"] = np.column_stack([square, np.full(4, height - _GROUND_GAP_M)])
     vertices["normal"] = (0.0, 0.0, 1.0)
@@ -282,89 +215,19 @@ def _bounds(scene: RenderScene) -> tuple[Array, float]:
 
 # -- rendering ---------------------------------------------------------------------------------------------------------
 
-_ARRAY_BUFFER, _ELEMENT_BUFFER, _STATIC_DRAW = 0x8892, 0x8893, 0x88E4
-_FLOAT, _UNSIGNED_BYTE, _UNSIGNED_INT = 0x1406, 0x1401, 0x1405
-_FRAMEBUFFER, _READ_FRAMEBUFFER, _DRAW_FRAMEBUFFER, _RENDERBUFFER = 0x8D40, 0x8CA8, 0x8CA9, 0x8D41
-_COLOR_ATTACHMENT, _DEPTH_ATTACHMENT, _COMPLETE = 0x8CE0, 0x8D00, 0x8CD5
-_COLOR_BIT, _DEPTH_BIT = 0x4000, 0x0100
-_TEXTURE_2D, _TEXTURE0 = 0x0DE1, 0x84C0
-_RED, _RGBA, _DEPTH = 0x1903, 0x1908, 0x1902
-_R8, _R32F, _RGBA8, _RGBA32F, _DEPTH_32F = 0x8229, 0x822E, 0x8058, 0x8814, 0x8CAC
-_MIN_FILTER, _MAG_FILTER, _WRAP_S, _WRAP_T = 0x2801, 0x2800, 0x2802, 0x2803
-_NEAREST, _LINEAR, _LINEAR_MIPMAPS, _CLAMP, _REPEAT = 0x2600, 0x2601, 0x2703, 0x812F, 0x2901
-_COMPARE_MODE, _COMPARE_TO_TEXTURE = 0x884C, 0x884E
-_DEPTH_TEST, _BLEND, _POLYGON_OFFSET, _LESS_EQUAL = 0x0B71, 0x0BE2, 0x8037, 0x0203
-_ONE, _ONE_MINUS_ALPHA, _TRIANGLES = 1, 0x0303, 0x0004
-_FRAGMENT_SHADER, _VERTEX_SHADER, _COMPILED, _LINKED = 0x8B30, 0x8B31, 0x8B81, 0x8B82
-_MAX_SAMPLES, _UNPACK_ALIGNMENT = 0x8D57, 0x0CF5
-"""These are codes of OpenGL."""
 
-
-class _Program:
-    """A pair of shaders, and its uniforms."""
-
-    def __init__(self, gl: OpenGL, sources: tuple[str, str]) -> None:
-        self._gl, self._id, self._locations = gl, gl.glCreateProgram(), dict[str, int]()
-        for kind, source in zip((_VERTEX_SHADER, _FRAGMENT_SHADER), sources, strict=True):
-            shader = gl.glCreateShader(kind)
-            text = ctypes.c_char_p(source.encode())
-            gl.glShaderSource(shader, 1, ctypes.byref(text), None)
-            gl.glCompileShader(shader)
-            self._check(shader, gl.glGetShaderiv, _COMPILED, gl.glGetShaderInfoLog)
-            gl.glAttachShader(self._id, shader)
-        gl.glLinkProgram(self._id)
-        self._check(self._id, gl.glGetProgramiv, _LINKED, gl.glGetProgramInfoLog)
-
-    def _check(self, id: int, get: Any, status: int, get_log: Any) -> None:
-        done = ctypes.c_int()
-        get(id, status, ctypes.byref(done))
-        if not done.value:
-            log = ctypes.create_string_buffer(4000)
-            get_log(id, len(log), None, log)
-            cause = f"a shader cannot be compiled: {log.value.decode(errors='replace').strip()}"
-            raise RendererUnavailableError("OpenGL", cause=cause, remedy="use another driver of OpenGL")
-
-    def use(self, **uniforms: object) -> None:
-        """Makes the program current, and sets its uniforms: numbers, tuples of them and arrays."""
-        self._gl.glUseProgram(self._id)
-        for name, value in uniforms.items():
-            self.set(name, value)
-
-    def set(self, name: str, value: object) -> None:
-        """Sets a uniform of the current program."""
-        if name not in self._locations:
-            self._locations[name] = self._gl.glGetUniformLocation(self._id, name.encode())
-        at, gl = self._locations[name], self._gl
-        match value:
-            case bool() | int():
-                gl.glUniform1i(at, int(value))
-            case float():
-                gl.glUniform1f(at, value)
-            case (int(), int()):
-                gl.glUniform2i(at, *value)
-            case (_, _):
-                gl.glUniform2f(at, *value)
-            case _:
-                numbers = np.ascontiguousarray(value, dtype=np.float32)
-                pointer = numbers.ctypes.data_as(ctypes.POINTER(ctypes.c_float))
-                if numbers.ndim == 2 and numbers.shape[0] == numbers.shape[1]:
-                    (gl.glUniformMatrix3fv if len(numbers) == 3 else gl.glUniformMatrix4fv)(at, 1, 1, pointer)
-                else:
-                    count = max(numbers.size // numbers.shape[-1], 1)
-                    (gl.glUniform3fv if numbers.shape[-1] == 3 else gl.glUniform4fv)(at, count, pointer)
-
-
-class _Rasterizer:
+class _Rasterizer(Drawing):
     """Draws the meshes of a scene; its buffers are freed together with the context."""
 
     def __init__(self, gl: OpenGL, meshes: _SceneMeshes, view: ViewFrame, scene: RenderScene) -> None:
-        self._gl, self._meshes, self._view, self._scene = gl, meshes, view, scene
+        super().__init__(gl)
+        self._meshes, self._view, self._scene = meshes, view, scene
         self._near, self._far = _planes(meshes, view, scene)
         self._clip_from_world = view.clip_from_world(self._near, self._far)
         self._levels = self._load_levels()
         self._upload()
-        gl.glEnable(_DEPTH_TEST)
-        gl.glDepthFunc(_LESS_EQUAL)
+        gl.glEnable(codes.DEPTH_TEST)
+        gl.glDepthFunc(codes.LESS_EQUAL)
         self._empty_array = self._generate("glGenVertexArrays")
 
     # -- pictures --
@@ -380,15 +243,15 @@ class _Rasterizer:
             if batch.count:
                 self._maps(batch.texture)
         samples = ctypes.c_int()
-        gl.glGetIntegerv(_MAX_SAMPLES, ctypes.byref(samples))
-        self._canvas = self._framebuffer(min(_SAMPLES, samples.value), _RGBA8)
+        gl.glGetIntegerv(codes.MAX_SAMPLES, ctypes.byref(samples))
+        self._canvas = self._framebuffer(min(_SAMPLES, samples.value), codes.RGBA8)
         gl.glViewport(0, 0, view.width, view.height)
-        gl.glClear(_COLOR_BIT | _DEPTH_BIT)
+        gl.glClear(codes.COLOR_BIT | codes.DEPTH_BIT)
         gl.glDepthMask(0)
-        self._fill(_Program(gl, shaders.BACKDROP), camera=view.ray_axes(), rise=view.rise)
+        self._fill(Program(gl, shaders.BACKDROP), camera=view.ray_axes(), rise=view.rise)
         gl.glDepthMask(1)
         gl.glColorMask(0, 0, 0, 0)
-        _Program(gl, shaders.DEPTH_ONLY).use(clip_from_world=self._clip_from_world)
+        Program(gl, shaders.DEPTH_ONLY).use(clip_from_world=self._clip_from_world)
         self._draw(batch for batch in batches if batch.is_opaque)
         gl.glColorMask(1, 1, 1, 1)
         gl.glDepthMask(0)
@@ -398,25 +261,25 @@ class _Rasterizer:
         self._bind(4, shadow_map)
         gl.glBindSampler(3, self._comparing_sampler())
         self._draw_textured(surface, (batch for batch in batches if batch.is_opaque))
-        gl.glEnable(_BLEND)
-        gl.glBlendFunc(_ONE, _ONE_MINUS_ALPHA)
+        gl.glEnable(codes.BLEND)
+        gl.glBlendFunc(codes.ONE, codes.ONE_MINUS_ALPHA)
         self._draw_textured(surface, (batch for batch in batches if not batch.is_opaque))
-        gl.glDisable(_BLEND)
+        gl.glDisable(codes.BLEND)
         gl.glBindSampler(3, 0)
         gl.glDepthMask(1)
-        self._resolved = self._framebuffer(0, _RGBA8)
+        self._resolved = self._framebuffer(0, codes.RGBA8)
         self._upload_indices(self._meshes.faces)
-        self._blit(_COLOR_BIT)
+        self._blit(codes.COLOR_BIT)
         pixels = np.empty((view.height, view.width, 4), dtype=np.uint8)
-        gl.glReadPixels(0, 0, view.width, view.height, _RGBA, _UNSIGNED_BYTE, pixels.ctypes.data)
+        gl.glReadPixels(0, 0, view.width, view.height, codes.RGBA, codes.UNSIGNED_BYTE, pixels.ctypes.data)
         return np.ascontiguousarray(pixels[::-1, :, :3])
 
     def depths(self) -> NDArray[np.floating[Any]]:
         """Distances along the axis of the camera in the picture, h x w [m]; infinite where nothing is."""
         view = self._view
-        self._blit(_DEPTH_BIT)
+        self._blit(codes.DEPTH_BIT)
         depth = np.empty((view.height, view.width), dtype=np.float32)
-        self._gl.glReadPixels(0, 0, view.width, view.height, _DEPTH, _FLOAT, depth.ctypes.data)
+        self._gl.glReadPixels(0, 0, view.width, view.height, codes.DEPTH, codes.FLOAT, depth.ctypes.data)
         meters = self._near * self._far / (self._far - depth[::-1] * (self._far - self._near))
         return np.where(depth[::-1] >= 1.0, np.inf, meters)
 
@@ -425,10 +288,10 @@ class _Rasterizer:
         if not items:
             return []
         gl, rows = self._gl, {id(item): number for number, item in enumerate(self._scene.items, start=1)}
-        self._framebuffer(0, _R32F)
+        self._framebuffer(0, codes.R32F)
         gl.glClearColor(0.0, 0.0, 0.0, 0.0)
-        gl.glClear(_COLOR_BIT | _DEPTH_BIT)
-        _Program(gl, shaders.NUMBERS).use(clip_from_world=self._clip_from_world)
+        gl.glClear(codes.COLOR_BIT | codes.DEPTH_BIT)
+        Program(gl, shaders.NUMBERS).use(clip_from_world=self._clip_from_world)
         self._draw(batch for batch in self._meshes.batches if batch.is_opaque)
         # Glass hides nothing, but is seen itself.
         numbers = [rows[id(item)] for item in items]
@@ -436,19 +299,19 @@ class _Rasterizer:
         for first, length in ranges:
             self._draw_range(first, length)
         visible = self._read_numbers()
-        gl.glDisable(_DEPTH_TEST)
+        gl.glDisable(codes.DEPTH_TEST)
         masks = []
         for number, (first, length) in zip(numbers, ranges, strict=True):
-            gl.glClear(_COLOR_BIT)
+            gl.glClear(codes.COLOR_BIT)
             self._draw_range(first, length)
             masks.append((visible == number, self._read_numbers() == number))
-        gl.glEnable(_DEPTH_TEST)
+        gl.glEnable(codes.DEPTH_TEST)
         return masks
 
     def _read_numbers(self) -> NDArray[np.int32]:
         view = self._view
         pixels = np.empty((view.height, view.width), dtype=np.float32)
-        self._gl.glReadPixels(0, 0, view.width, view.height, _RED, _FLOAT, pixels.ctypes.data)
+        self._gl.glReadPixels(0, 0, view.width, view.height, codes.RED, codes.FLOAT, pixels.ctypes.data)
         return np.rint(pixels[::-1]).astype(np.int32)
 
     # -- passes --
@@ -467,40 +330,40 @@ class _Rasterizer:
         shadow_from_world[:3, 3] = -low / np.array([*extents[:2], 1.0])
         clip = np.diag([2.0, 2.0, 2.0 / extents[2], 1.0])
         clip[:3, 3] = -1.0
-        texture = self._texture(_DEPTH_32F, (_SHADOW_SIZE_PX, _SHADOW_SIZE_PX), _DEPTH, _FLOAT, None)
+        texture = self._texture(codes.DEPTH_32F, (_SHADOW_SIZE_PX, _SHADOW_SIZE_PX), codes.DEPTH, codes.FLOAT, None)
         self._target(depth=texture)
         gl.glViewport(0, 0, _SHADOW_SIZE_PX, _SHADOW_SIZE_PX)
-        gl.glClear(_DEPTH_BIT)
-        _Program(gl, shaders.DEPTH_ONLY).use(clip_from_world=clip @ shadow_from_world)
-        gl.glEnable(_POLYGON_OFFSET)
+        gl.glClear(codes.DEPTH_BIT)
+        Program(gl, shaders.DEPTH_ONLY).use(clip_from_world=clip @ shadow_from_world)
+        gl.glEnable(codes.POLYGON_OFFSET)
         gl.glPolygonOffset(1.0, 1.0)
         self._draw(batch for batch in self._meshes.batches if batch.casts_shadow)
-        gl.glDisable(_POLYGON_OFFSET)
+        gl.glDisable(codes.POLYGON_OFFSET)
         return texture, shadow_from_world, extents
 
     def _occlusion(self) -> tuple[int, NDArray[np.bool_]]:
         """A texture of the part of the sky light that each pixel receives; and which items are seen, by number."""
         gl, view = self._gl, self._view
         size = (-(-view.width // _OCCLUSION_STEP), -(-view.height // _OCCLUSION_STEP))
-        depths = self._texture(_DEPTH_32F, size, _DEPTH, _FLOAT, None)
-        normals = self._texture(_RGBA32F, size, _RGBA, _FLOAT, None)
+        depths = self._texture(codes.DEPTH_32F, size, codes.DEPTH, codes.FLOAT, None)
+        normals = self._texture(codes.RGBA32F, size, codes.RGBA, codes.FLOAT, None)
         self._target(color=normals, depth=depths)
         gl.glViewport(0, 0, *size)
         gl.glClearColor(0.0, 0.0, 0.0, 0.0)
-        gl.glClear(_COLOR_BIT | _DEPTH_BIT)
-        _Program(gl, shaders.NORMALS).use(clip_from_world=self._clip_from_world)
+        gl.glClear(codes.COLOR_BIT | codes.DEPTH_BIT)
+        Program(gl, shaders.NORMALS).use(clip_from_world=self._clip_from_world)
         self._draw(batch for batch in self._meshes.batches if batch.is_opaque)
         pixels = np.empty((size[1], size[0], 4), dtype=np.float32)
-        gl.glReadPixels(0, 0, *size, _RGBA, _FLOAT, pixels.ctypes.data)
+        gl.glReadPixels(0, 0, *size, codes.RGBA, codes.FLOAT, pixels.ctypes.data)
         seen = self._are_small()
         seen[np.unique(pixels[..., 3]).astype(np.intp)] = True
         planes = (self._near, self._far)
-        raw = self._texture(_R8, size, _RED, _UNSIGNED_BYTE, None)
+        raw = self._texture(codes.R8, size, codes.RED, codes.UNSIGNED_BYTE, None)
         self._target(color=raw)
         self._bind(0, depths)
         self._bind(1, normals)
         self._fill(
-            _Program(gl, shaders.AMBIENT_OCCLUSION),
+            Program(gl, shaders.AMBIENT_OCCLUSION),
             depths=0,
             normals=1,
             camera=view.ray_axes(),
@@ -509,10 +372,10 @@ class _Rasterizer:
             size=size,
             pixels_per_tangent=size[0] / (2 * view.half_width),
         )
-        blurred = self._texture(_R8, size, _RED, _UNSIGNED_BYTE, None, filter=_LINEAR)
+        blurred = self._texture(codes.R8, size, codes.RED, codes.UNSIGNED_BYTE, None, filter=codes.LINEAR)
         self._target(color=blurred)
         self._bind(1, raw)
-        self._fill(_Program(gl, shaders.BLUR), depths=0, values=1, planes=planes, size=size)
+        self._fill(Program(gl, shaders.BLUR), depths=0, values=1, planes=planes, size=size)
         return blurred, seen
 
     def _are_small(self) -> NDArray[np.bool_]:
@@ -533,9 +396,9 @@ class _Rasterizer:
                 found[self._meshes.vertices["number"][faces[:, 0]].astype(np.intp)] = True
         return found
 
-    def _surface_program(self, sun: Array, shadow_from_world: Array, extents: Array) -> _Program:
+    def _surface_program(self, sun: Array, shadow_from_world: Array, extents: Array) -> Program:
         view, scene = self._view, self._scene
-        program = _Program(self._gl, shaders.SURFACE)
+        program = Program(self._gl, shaders.SURFACE)
         lamps = _brightest(scene.lights)
         total = sum(lamp.intensity for lamp in lamps)
         program.use(
@@ -561,7 +424,7 @@ class _Rasterizer:
             program.set("lamp_colors", np.array(strengths).reshape(-1, 3))
         return program
 
-    def _draw_textured(self, program: _Program, batches: Iterable[_Batch]) -> None:
+    def _draw_textured(self, program: Program, batches: Iterable[_Batch]) -> None:
         for batch in batches:
             if not batch.count:
                 continue
@@ -578,15 +441,15 @@ class _Rasterizer:
 
     def _draw_range(self, first: int, count: int) -> None:
         self._gl.glBindVertexArray(self._array)
-        self._gl.glDrawElements(_TRIANGLES, count, _UNSIGNED_INT, 4 * first)
+        self._gl.glDrawElements(codes.TRIANGLES, count, codes.UNSIGNED_INT, 4 * first)
 
-    def _fill(self, program: _Program, **uniforms: object) -> None:
+    def _fill(self, program: Program, **uniforms: object) -> None:
         """Draws all pixels."""
         program.use(**uniforms)
-        self._gl.glDisable(_DEPTH_TEST)
+        self._gl.glDisable(codes.DEPTH_TEST)
         self._gl.glBindVertexArray(self._empty_array)
-        self._gl.glDrawArrays(_TRIANGLES, 0, 3)
-        self._gl.glEnable(_DEPTH_TEST)
+        self._gl.glDrawArrays(codes.TRIANGLES, 0, 3)
+        self._gl.glEnable(codes.DEPTH_TEST)
 
     # -- buffers --
 
@@ -594,17 +457,13 @@ class _Rasterizer:
         gl, meshes = self._gl, self._meshes
         self._array = self._generate("glGenVertexArrays")
         gl.glBindVertexArray(self._array)
-        gl.glBindBuffer(_ARRAY_BUFFER, self._generate("glGenBuffers"))
-        gl.glBufferData(_ARRAY_BUFFER, meshes.vertices.nbytes, meshes.vertices.ctypes.data, _STATIC_DRAW)
-        gl.glBindBuffer(_ELEMENT_BUFFER, self._generate("glGenBuffers"))
+        gl.glBindBuffer(codes.ARRAY_BUFFER, self._generate("glGenBuffers"))
+        gl.glBufferData(codes.ARRAY_BUFFER, meshes.vertices.nbytes, meshes.vertices.ctypes.data, codes.STATIC_DRAW)
+        gl.glBindBuffer(codes.ELEMENT_BUFFER, self._generate("glGenBuffers"))
         self._upload_indices(meshes.faces)
-        for location, (name, count, is_bytes) in enumerate(_ATTRIBUTES):
-            assert _VERTEX.fields is not None
-            gl.glEnableVertexAttribArray(location)
-            kind = _UNSIGNED_BYTE if is_bytes else _FLOAT
-            gl.glVertexAttribPointer(location, count, kind, is_bytes, _VERTEX.itemsize, _VERTEX.fields[name][1])
-        gl.glPixelStorei(_UNPACK_ALIGNMENT, 1)
-        self._loaded: dict[_TextureKey, tuple[int, int]] = {"": (0, 0)}
+        self._enable_attributes()
+        gl.glPixelStorei(codes.UNPACK_ALIGNMENT, 1)
+        self._loaded: dict[TextureKey, tuple[int, int]] = {"": (0, 0)}
 
     def _upload_by_number(self, numbers: Sequence[int]) -> list[tuple[int, int]]:
         """Replaces the indices by those of the faces of some items; the first index and the count of each."""
@@ -633,9 +492,9 @@ class _Rasterizer:
     def _upload_indices(self, faces: NDArray[np.uint32]) -> None:
         gl, faces = self._gl, np.ascontiguousarray(faces)
         gl.glBindVertexArray(self._array)
-        gl.glBufferData(_ELEMENT_BUFFER, faces.nbytes, faces.ctypes.data, _STATIC_DRAW)
+        gl.glBufferData(codes.ELEMENT_BUFFER, faces.nbytes, faces.ctypes.data, codes.STATIC_DRAW)
 
-    def _maps(self, key: _TextureKey) -> tuple[int, int]:
+    def _maps(self, key: TextureKey) -> tuple[int, int]:
         """The textures of color and of relief; 0 for none."""
         if key not in self._loaded:
             texels = self._texels(key)
@@ -651,7 +510,7 @@ class _Rasterizer:
                 self._loaded[key] = self._repeating([np.asarray(reduced.convert("RGBA"))]), 0
         return self._loaded[key]
 
-    def _texels(self, key: _TextureKey) -> int:
+    def _texels(self, key: TextureKey) -> int:
         """How many texels along a repeat of a texture are as large as a pixel where it is nearest."""
         distance, repeat = self._meshes.repeats[key]
         pixel = max(distance, self._near) * 2 * self._view.half_width / self._view.width
@@ -664,89 +523,26 @@ class _Rasterizer:
             levels = pool.map(lambda name: texture_levels(name, self._texels(name)), names)
             return dict(zip(names, levels, strict=True))
 
-    def _repeating(self, levels: Iterable[Bytes]) -> int:
-        """A texture that repeats, from levels of decreasing resolution; missing ones are computed."""
-        gl, texture = self._gl, self._generate("glGenTextures")
-        self._bind(0, texture)
-        height = width = number = 0
-        for number, level in enumerate(levels):
-            pixels = np.ascontiguousarray(level[::-1])  # the first row of OpenGL is the lowest one
-            height, width, _ = pixels.shape
-            gl.glTexImage2D(_TEXTURE_2D, number, _RGBA8, width, height, 0, _RGBA, _UNSIGNED_BYTE, pixels.ctypes.data)
-        if number == 0 and max(height, width) > 1:
-            gl.glGenerateMipmap(_TEXTURE_2D)
-        settings = ((_MIN_FILTER, _LINEAR_MIPMAPS), (_MAG_FILTER, _LINEAR), (_WRAP_S, _REPEAT), (_WRAP_T, _REPEAT))
-        for name, value in settings:
-            gl.glTexParameteri(_TEXTURE_2D, name, value)
-        return texture
-
-    def _texture(
-        self, stored: int, size: tuple[int, int], form: int, kind: int, pixels: Bytes | None, *, filter: int = _NEAREST
-    ) -> int:
-        gl, texture = self._gl, self._generate("glGenTextures")
-        self._bind(0, texture)
-        data = None if pixels is None else pixels.ctypes.data
-        gl.glTexImage2D(_TEXTURE_2D, 0, stored, *size, 0, form, kind, data)
-        for name, value in ((_MIN_FILTER, filter), (_MAG_FILTER, filter), (_WRAP_S, _CLAMP), (_WRAP_T, _CLAMP)):
-            gl.glTexParameteri(_TEXTURE_2D, name, value)
-        return texture
-
-    def _comparing_sampler(self) -> int:
-        """Reads a shadow map: compares depths, and interpolates the results."""
-        sampler = self._generate("glGenSamplers")
-        settings = ((_MIN_FILTER, _LINEAR), (_MAG_FILTER, _LINEAR), (_WRAP_S, _CLAMP), (_WRAP_T, _CLAMP))
-        for name, value in (*settings, (_COMPARE_MODE, _COMPARE_TO_TEXTURE)):
-            self._gl.glSamplerParameteri(sampler, name, value)
-        return sampler
-
-    def _bind(self, unit: int, texture: int) -> None:
-        self._gl.glActiveTexture(_TEXTURE0 + unit)
-        self._gl.glBindTexture(_TEXTURE_2D, texture)
-
-    def _target(self, *, color: int = 0, depth: int = 0) -> None:
-        """Draws into textures from now on."""
-        gl = self._gl
-        gl.glBindFramebuffer(_FRAMEBUFFER, self._generate("glGenFramebuffers"))
-        if color:
-            gl.glFramebufferTexture2D(_FRAMEBUFFER, _COLOR_ATTACHMENT, _TEXTURE_2D, color, 0)
-        else:
-            gl.glDrawBuffer(0)
-            gl.glReadBuffer(0)
-        if depth:
-            gl.glFramebufferTexture2D(_FRAMEBUFFER, _DEPTH_ATTACHMENT, _TEXTURE_2D, depth, 0)
-        self._check_target()
-
     def _framebuffer(self, samples: int, form: int) -> int:
         """A framebuffer of the size of the picture, which is drawn into from now on."""
         gl, target = self._gl, self._generate("glGenFramebuffers")
-        gl.glBindFramebuffer(_FRAMEBUFFER, target)
-        for attachment, stored in ((_COLOR_ATTACHMENT, form), (_DEPTH_ATTACHMENT, _DEPTH_32F)):
+        gl.glBindFramebuffer(codes.FRAMEBUFFER, target)
+        for attachment, stored in ((codes.COLOR_ATTACHMENT, form), (codes.DEPTH_ATTACHMENT, codes.DEPTH_32F)):
             buffer = self._generate("glGenRenderbuffers")
-            gl.glBindRenderbuffer(_RENDERBUFFER, buffer)
+            gl.glBindRenderbuffer(codes.RENDERBUFFER, buffer)
             size = (self._view.width, self._view.height)
-            gl.glRenderbufferStorageMultisample(_RENDERBUFFER, samples, stored, *size)
-            gl.glFramebufferRenderbuffer(_FRAMEBUFFER, attachment, _RENDERBUFFER, buffer)
+            gl.glRenderbufferStorageMultisample(codes.RENDERBUFFER, samples, stored, *size)
+            gl.glFramebufferRenderbuffer(codes.FRAMEBUFFER, attachment, codes.RENDERBUFFER, buffer)
         self._check_target()
         return target
-
-    def _check_target(self) -> None:
-        status = self._gl.glCheckFramebufferStatus(_FRAMEBUFFER)
-        if status != _COMPLETE:
-            cause = f"a framebuffer of {self._view.width} x {self._view.height} is refused ({status:#x})"
-            raise RendererUnavailableError("OpenGL", cause=cause, remedy="choose a smaller --size")
 
     def _blit(self, part: int) -> None:
         """Averages the samples of the picture into a framebuffer that can be read."""
         gl, box = self._gl, (0, 0, self._view.width, self._view.height)
-        gl.glBindFramebuffer(_READ_FRAMEBUFFER, self._canvas)
-        gl.glBindFramebuffer(_DRAW_FRAMEBUFFER, self._resolved)
-        gl.glBlitFramebuffer(*box, *box, part, _NEAREST)
-        gl.glBindFramebuffer(_FRAMEBUFFER, self._resolved)
-
-    def _generate(self, function: str) -> int:
-        id = ctypes.c_uint()
-        getattr(self._gl, function)(1, ctypes.byref(id))
-        return id.value
+        gl.glBindFramebuffer(codes.READ_FRAMEBUFFER, self._canvas)
+        gl.glBindFramebuffer(codes.DRAW_FRAMEBUFFER, self._resolved)
+        gl.glBlitFramebuffer(*box, *box, part, codes.NEAREST)
+        gl.glBindFramebuffer(codes.FRAMEBUFFER, self._resolved)
 
 
 def _planes(meshes: _SceneMeshes, view: ViewFrame, scene: RenderScene) -> tuple[float, float]:

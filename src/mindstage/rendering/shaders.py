@@ -6,7 +6,19 @@ and mapped to sRGB by the shader, so that multisampling blends what the eye sees
 
 from __future__ import annotations
 
-__all__ = ["AMBIENT_OCCLUSION", "BACKDROP", "BLUR", "DEPTH_ONLY", "MAX_LAMPS", "NORMALS", "NUMBERS", "SURFACE"]
+__all__ = [
+    "AMBIENT_OCCLUSION",
+    "BACKDROP",
+    "BLUR",
+    "DEPTH_ONLY",
+    "ITEM_COLORS",
+    "ITEM_GEOMETRY",
+    "ITEM_SHADOWS",
+    "MAX_LAMPS",
+    "NORMALS",
+    "NUMBERS",
+    "SURFACE",
+]
 
 MAX_LAMPS = 4
 
@@ -172,6 +184,15 @@ void main() { color = vec4(backdrop(normalize(ray(at))), 1.0); }
 """,
 )
 
+_TONE_MAPPING = """
+// After Narkowicz' fit of the ACES curve, then the curve of sRGB without its linear part.
+vec3 tone_mapped(vec3 light) {
+    vec3 x = light * 0.72;
+    vec3 mapped = clamp(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0);
+    return max(1.055 * pow(mapped, vec3(1.0 / 2.4)) - 0.055, 0.0);
+}
+"""
+
 SURFACE = (
     _VERSION
     + """
@@ -201,6 +222,7 @@ void main() {
     _VERSION
     + f"const int MAX_LAMPS = {MAX_LAMPS};\n"
     + _BACKDROP_COLOR
+    + _TONE_MAPPING
     + """
 in vec3 plane_point;  // at the center of the pixel, which may be beside the triangle: for derivatives
 centroid in vec3 point;
@@ -290,13 +312,6 @@ vec3 relief(vec3 normal, vec2 slope) {
     return normalize((tangent * slope.x + bitangent * slope.y) * scale + normal * up);
 }
 
-// After Narkowicz' fit of the ACES curve, then the curve of sRGB without its linear part.
-vec3 tone_mapped(vec3 light) {
-    vec3 x = light * 0.72;
-    vec3 mapped = clamp(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0);
-    return max(1.055 * pow(mapped, vec3(1.0 / 2.4)) - 0.055, 0.0);
-}
-
 void main() {
     vec3 toward = normalize(eye - point);
     vec3 normal = normalize(vertex_normal);
@@ -360,3 +375,126 @@ void main() {
 """,
 )
 """Opaque and transparent surfaces, in the light."""
+
+_ITEMS = (
+    _VERSION
+    + """
+// Vertices are in the frames of items, whose poses are rows of three texels; points are relative to the eye.
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+layout(location = 2) in vec2 uv;
+layout(location = 3) in vec4 color_factor;
+layout(location = 4) in vec4 material_factor;
+layout(location = 5) in float number;
+uniform sampler2D poses;
+uniform mat4 clip_from_eye;
+out vec3 point;
+out vec3 eye_normal;
+out vec2 texture_uv;
+flat out vec4 base;
+flat out vec4 material;
+flat out uint item;
+void main() {
+    int row = int(number + 0.5);
+    ivec2 at = ivec2((row & 4095) * 3, row >> 12);
+    vec4 x = texelFetch(poses, at, 0), y = texelFetch(poses, at + ivec2(1, 0), 0);
+    vec4 z = texelFetch(poses, at + ivec2(2, 0), 0);
+    vec4 local = vec4(position, 1.0);
+    point = vec3(dot(x, local), dot(y, local), dot(z, local));
+    eye_normal = vec3(dot(x.xyz, normal), dot(y.xyz, normal), dot(z.xyz, normal));
+    gl_Position = clip_from_eye * vec4(point, 1.0);
+    texture_uv = uv;
+    base = color_factor;
+    material = material_factor;
+    item = uint(row);
+}
+"""
+)
+
+ITEM_SHADOWS = (_ITEMS, _VERSION + "void main() {}\n")
+"""Writes depths of items only."""
+
+ITEM_GEOMETRY = (
+    _ITEMS,
+    _VERSION
+    + """
+in vec3 point;
+in vec3 eye_normal;
+flat in uint item;
+uniform bool is_facing;
+layout(location = 0) out float depth;
+layout(location = 1) out uint number;
+layout(location = 2) out vec4 normal;
+void main() {
+    depth = 1.0 / gl_FragCoord.w;
+    number = item;
+    vec3 unit = normalize(eye_normal);
+    normal = vec4(is_facing && dot(unit, point) > 0.0 ? -unit : unit, 0.0);
+}
+""",
+)
+"""Writes distances along the axis of the camera, the numbers of items, and normals that face the camera."""
+
+ITEM_COLORS = (
+    _ITEMS,
+    _VERSION
+    + f"const int MAX_LAMPS = {MAX_LAMPS};\n"
+    + _TONE_MAPPING
+    + """
+in vec3 point;
+in vec3 eye_normal;
+in vec2 texture_uv;
+flat in vec4 base;  // sRGB and opacity
+flat in vec4 material;  // roughness, metalness, emission
+out vec4 color;
+uniform bool is_textured;
+uniform sampler2D color_map;
+uniform sampler2DShadow shadow_map;
+uniform mat4 shadow_from_eye;  // x and y in 0…1 over the map, z in meters away from the sun
+uniform vec3 shadow_scale;  // extents of the map [m], and of its depths
+uniform float shadow_texel;  // [m]
+uniform vec3 to_sun;
+uniform float sun;
+uniform float sky;
+uniform int lamp_count;
+uniform vec3 lamp_points[MAX_LAMPS];
+uniform vec3 lamp_colors[MAX_LAMPS];
+const vec3 SKY = vec3(0.80, 0.88, 1.0);
+const vec3 FLOOR_LIGHT = vec3(0.60, 0.55, 0.50);
+const vec3 SUN = vec3(1.0, 0.94, 0.85);
+const float LAMP_RADIUS = 0.25;  // [m]
+
+float sunlight(vec3 normal, float cosine) {
+    vec3 moved = point + normal * shadow_texel * (2.0 * sqrt(1.0 - cosine * cosine) + 0.5);
+    vec3 here = (shadow_from_eye * vec4(moved, 1.0)).xyz;
+    if (here.x < 0.0 || here.x > 1.0 || here.y < 0.0 || here.y > 1.0) return 1.0;
+    return texture(shadow_map, vec3(here.xy, (here.z - 0.002 - shadow_texel) / shadow_scale.z));
+}
+
+void main() {
+    vec3 toward = -normalize(point);
+    vec3 normal = normalize(eye_normal);
+    if (dot(normal, toward) < 0.0) normal = -normal;
+    vec4 tint = base;
+    if (is_textured) tint *= texture(color_map, texture_uv);
+    vec3 albedo = tint.rgb * tint.rgb * (0.3 * tint.rgb + 0.7);  // near its power 2.2
+    float cosine = max(dot(normal, to_sun), 0.0);
+    float sun_share = cosine > 0.0 ? sunlight(normal, cosine) : 0.0;
+    vec3 light = mix(FLOOR_LIGHT, SKY, (normal.z + 1.0) / 2.0) * sky + SUN * (sun * cosine * sun_share);
+    for (int number = 0; number < lamp_count; ++number) {
+        vec3 offset = lamp_points[number] - point;
+        float square = dot(offset, offset) + LAMP_RADIUS * LAMP_RADIUS;
+        light += lamp_colors[number] * (max(dot(normal, offset) * inversesqrt(square), 0.0) / square);
+    }
+    float square = max(material.x * material.x, 0.0064);
+    float power = min(2.0 / (square * square), 600.0);
+    float glint = (power + 8.0) / 25.0 * pow(max(dot(normal, normalize(toward + to_sun)), 0.0), power);
+    vec3 reflectance = mix(vec3(0.04), albedo, material.y);
+    vec3 shine = reflectance * (sky * (0.5 + 0.5 * normal.z) + SUN * (sun * cosine * sun_share * min(glint, 4.0)));
+    vec3 diffuse = albedo * (1.0 - 0.8 * material.y) * light + albedo * (material.z * 1.6);
+    vec3 opaque = tone_mapped(diffuse + shine);
+    color = vec4(opaque * tint.a, tint.a);
+}
+""",
+)
+"""Items in simple light: a sun with hard shadows, the sky, and lamps."""

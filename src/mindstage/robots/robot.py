@@ -10,6 +10,7 @@ which its caller steps the simulation; a generator that is closed stops what it 
 
 from __future__ import annotations
 
+import re
 import time
 import uuid
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -28,12 +29,13 @@ from mindstage.ranges import Angle, Coordinate, Factor, Finite, NotNegative, See
 from mindstage.robots.control import MotionGoal, MotionOutcome, MotionResult, gripper_opening, held_bodies
 from mindstage.robots.controller import RobotController
 from mindstage.robots.floor_poses import BaseFrame, BasePose, base_pose_of, planar_inverse, planar_multiply
-from mindstage.robots.models.robot_model import Gripper, RobotModel
+from mindstage.robots.models.robot_model import Gripper, RobotModel, SensorType
 from mindstage.robots.skill_declaration import SkillResult, SkillStep
 from mindstage.robots.trajectories import JointTrajectory, point_to_point
 from mindstage.robots.world import RobotWorld
-from mindstage.scene import BodyId
+from mindstage.scene import BodyId, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_multiply
+from mindstage.sensors.camera_model import CameraModel, CameraMount
 from mindstage.simulation.controllers import ControllerSchedule
 from mindstage.simulation.observation import SKILL_EDIT
 from mindstage.simulation.simulation import Simulation
@@ -45,6 +47,11 @@ T = TypeVar("T")
 
 _WAIT_S = 0.02
 """Simulated time between two checks of a goal [s]."""
+
+
+_FRAME_SUFFIX = re.compile(r"(_optical)?(_frame|_link)*$|_optical$", re.IGNORECASE)
+_OPTICAL_IN_LINK = (0.5, -0.5, 0.5, -0.5)
+"""The rotation of an optical frame (y down, z forward) on a link with x forward and z up."""
 
 
 class JointState(msgspec.Struct, frozen=True, kw_only=True):
@@ -128,6 +135,31 @@ class Robot:
     def body_ids(self) -> frozenset[BodyId]:
         """All of its bodies: those of its links, and that of the frame `odom`."""
         return frozenset(body.id for body in self._placed.world.bodies)
+
+    @property
+    def cameras(self) -> tuple[CameraMount, ...]:
+        """Its cameras: those that its description states, and those that are found by the names of links.
+
+        A camera found by a name has the default model; one with a link and an optical frame is one camera.
+        """
+        found: dict[str, CameraMount] = {}
+        sensors = [each for each in self.model.sensors if each.type in {SensorType.CAMERA, SensorType.DEPTH_CAMERA}]
+        for each in sorted(sensors, key=lambda sensor: (sensor.camera is None, not sensor.is_optical)):
+            name = each.name if each.camera is not None else _FRAME_SUFFIX.sub("", each.name)
+            if name in found:
+                continue
+            pose = each.pose
+            if each.camera is None and not each.is_optical:
+                pose = Pose((0.0, 0.0, 0.0), _OPTICAL_IN_LINK)
+            found[name] = CameraMount(
+                name=name,
+                model=each.camera or CameraModel(),
+                body=self.link_ids[each.link],
+                pose=pose,
+                owner=self.body_ids,
+                frame=each.link if each.is_optical else f"{name}_optical_frame",
+            )
+        return tuple(found.values())
 
     @property
     def joint_ids(self) -> Mapping[str, BodyId]:

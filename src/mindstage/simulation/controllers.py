@@ -15,6 +15,7 @@ from mindstage.engines.actuators import ActuatedBodies
 from mindstage.engines.base import Engine
 from mindstage.errors import EngineError, SimulationFaultError
 from mindstage.scene import BodyId
+from mindstage.sensors.camera_model import CameraMount
 
 __all__ = ["EARLY_S", "Controller", "ControllerSchedule", "SimulatedRobot", "SimulatedRobots", "fault_error"]
 
@@ -165,6 +166,10 @@ class SimulatedRobot(Protocol):
     @property
     def body_ids(self) -> frozenset[BodyId]:
         """All of its bodies."""
+
+    @property
+    def cameras(self) -> tuple[CameraMount, ...]:
+        """Its cameras."""
 
     @property
     def exists(self) -> bool:

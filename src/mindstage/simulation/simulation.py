@@ -93,6 +93,10 @@ if TYPE_CHECKING:
     from mindstage.rendering.camera import CameraPose
     from mindstage.rendering.path_tracing import PathTracedPicture, PathTracingSettings
     from mindstage.saving import FileDialect
+    from mindstage.scene import PoseLike
+    from mindstage.sensors.camera import Camera
+    from mindstage.sensors.camera_model import CameraModel
+    from mindstage.sensors.stage import CameraSet
 
 __all__ = ["Simulation"]
 
@@ -177,6 +181,7 @@ class Simulation:
         self.observers = Observers(on_fault=self._on_fault, caught=self._caught)
         self._controllers = ControllerSchedule(caught=self._caught)
         self.robots = SimulatedRobots(self._controllers)
+        self._cameras: CameraSet | None = None
         self._error = ""
         self._fault: SimulationFaultError | None = None
         """What the next call from Python raises."""
@@ -730,6 +735,8 @@ class Simulation:
         copy._geometry_provider, copy._origin = provider.copy(), origin
         copy._worlds, copy._temporary_worlds, copy._reports = self._worlds, self._temporary_worlds, self._reports
         copy._grounded, copy._controllers = self._grounded, controllers
+        if self._cameras is not None:
+            copy._camera_set().copy_from(self._cameras)
         controllers.caught = copy._caught
         copies = {name: each.in_copy(copy, controllers) for name, each in self.robots.items()}
         copy.robots = SimulatedRobots(controllers, copies)
@@ -996,6 +1003,49 @@ class Simulation:
         from mindstage.simulation.pictures import render_picture
 
         return render_picture(self, camera, settings, clip_height=clip_height)
+
+    # -- sensors -------------------------------------------------------------------------------------------
+
+    def camera(self, name: str = "") -> Camera:
+        """A camera of a robot, or one that was added: `sim.camera("head").rgb()`.
+
+        Args:
+            name: its name, also after that of the robot and "/"; the beginning before "_" is enough if no other one
+                begins so. By default that of the only camera.
+
+        Raises:
+            NameNotFoundError: there is no such camera.
+            InvalidArgumentError: several cameras have that name.
+        """
+        return self._camera_set().camera(name)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The names of all cameras: those that were added, then ROBOT/NAME."""
+        return tuple(self._camera_set().mounts())
+
+    def add_camera(self, name: str, model: CameraModel | None = None, *, at: PoseLike, on: str | None = None) -> Camera:
+        """Adds a camera, which is no body and stays until the simulation is closed; copies have it too.
+
+        Args:
+            name: its name; a camera that was added under it is replaced.
+            model: its intrinsics, range, rate and noise; by default 640 x 480 px with 63 degrees across.
+            at: the pose of its optical frame (x right, y down, z forward), in the frame of the body or the world [m].
+            on: the id or IRI of a body that carries it; by default the world.
+
+        Raises:
+            BodyNotFoundError: there is no such body.
+            InvalidArgumentError: the pose is none.
+        """
+        return self._camera_set().add(name, model, at=at, on=None if on is None else self.body(on).id)
+
+    def _camera_set(self) -> CameraSet:
+        if self._cameras is None:
+            from mindstage.sensors.stage import CameraSet
+
+            self._cameras = CameraSet(self)
+            self.on_close(self._cameras.close)
+        return self._cameras
 
     # -- robots and controllers ----------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ that the caller grants.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -118,6 +119,20 @@ class MjcfBody:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MjcfCamera:
+    """A camera; it looks along its negative z axis, with y up."""
+
+    name: str
+    body: str
+    position: tuple[float, ...]
+    """In the frame of the body [m]."""
+    quaternion: tuple[float, ...]
+    """w, x, y, z."""
+    field_of_view_rad: float
+    """Vertical."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MjcfModel:
     """The contents of an MJCF file."""
 
@@ -128,6 +143,8 @@ class MjcfModel:
     """Name, and the positions of joints with one axis."""
     excluded_pairs: frozenset[tuple[str, str]]
     """Pairs of bodies that do not collide, the lower name first."""
+    cameras: tuple[MjcfCamera, ...] = ()
+    """The cameras on bodies that are fixed there."""
 
 
 def read_mjcf(path: Path, *, folders: Iterable[Path] = ()) -> MjcfModel:
@@ -251,6 +268,17 @@ class _MjcfReader:
             bodies=tuple(self._body(row) for row in range(1, model.nbody)),
             keyframes=tuple(keyframes),
             excluded_pairs=frozenset((min(pair), max(pair)) for pair in pairs),
+            cameras=tuple(
+                MjcfCamera(
+                    name=self._name(mujoco.mjtObj.mjOBJ_CAMERA, row) or f"camera{row}",
+                    body=self.body_names[model.cam_bodyid[row]],
+                    position=tuple(model.cam_pos[row].tolist()),
+                    quaternion=tuple(model.cam_quat[row].tolist()),
+                    field_of_view_rad=math.radians(float(model.cam_fovy[row])),
+                )
+                for row in range(model.ncam)
+                if model.cam_mode[row] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED and model.cam_bodyid[row] > 0
+            ),
         )
 
     def _body(self, row: int) -> MjcfBody:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -27,7 +28,15 @@ from mindstage.engines.mujoco.mjcf_reading import (
 from mindstage.errors import RobotModelError
 from mindstage.robots.models.forward_kinematics import joint_motion
 from mindstage.robots.models.link_geometry import PrimitivePart, hull_shape, primitive_mesh
-from mindstage.robots.models.robot_model import ModelNote, RobotJoint, RobotJointType, RobotLink, RobotMimic
+from mindstage.robots.models.robot_model import (
+    ModelNote,
+    RobotJoint,
+    RobotJointType,
+    RobotLink,
+    RobotMimic,
+    RobotSensor,
+    SensorType,
+)
 from mindstage.scene import (
     BodyGeometry,
     CollisionShape,
@@ -45,6 +54,7 @@ from mindstage.scene.transforms import (
     quat_rotate,
     rotation_matrix,
 )
+from mindstage.sensors.camera_model import CameraModel
 
 __all__ = ["MjcfRobot", "read_mjcf_robot"]
 
@@ -54,6 +64,10 @@ _SHAPES = {
     MjcfGeomType.ELLIPSOID: CollisionShapeType.SPHERE,
     MjcfGeomType.CYLINDER: CollisionShapeType.CYLINDER,
 }
+_OPTICAL = (0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+"""The optical frame (y down, z forward) in the frame of a camera of MJCF (y up, z backward)."""
+_CAMERA_SIZE_PX = (640, 480)
+"""MJCF states the vertical field of view of a camera; its resolution is rarely given."""
 _ONE_AXIS = (MjcfJointType.SLIDE, MjcfJointType.HINGE)
 _WORLD = "world"
 """The link above a root that moves; MuJoCo gives no body this name."""
@@ -71,6 +85,8 @@ class MjcfRobot(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...]
     """As `RobotModel.group_states`, with an empty group."""
     notes: tuple[ModelNote, ...]
+    sensors: tuple[RobotSensor, ...] = ()
+    """Its cameras."""
 
 
 def read_mjcf_robot(path: Path, *, folders: Iterable[Path] = ()) -> MjcfRobot:
@@ -128,6 +144,21 @@ class _MjcfRobotReader:
                 for name, positions in self.model.keyframes
             ),
             notes=tuple(self.notes),
+            sensors=tuple(
+                RobotSensor(
+                    name=each.name,
+                    type=SensorType.CAMERA,
+                    link=each.body.removeprefix(prefix),
+                    field_of_view_rad=each.field_of_view_rad,
+                    pose=pose_from_array(pose_multiply([*each.position, *each.quaternion], _OPTICAL)),
+                    camera=CameraModel.with_field_of_view(
+                        2 * math.atan(math.tan(each.field_of_view_rad / 2) * _CAMERA_SIZE_PX[0] / _CAMERA_SIZE_PX[1]),
+                        _CAMERA_SIZE_PX,
+                    ),
+                )
+                for each in self.model.cameras
+                if each.body.removeprefix(prefix) in names
+            ),
         )
 
     def _trees(self) -> dict[str, list[MjcfBody]]:

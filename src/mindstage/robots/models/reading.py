@@ -38,7 +38,9 @@ from mindstage.robots.models.robot_model import (
     RobotLink,
     RobotMimic,
     RobotModel,
+    RobotSensor,
 )
+from mindstage.robots.models.sensor_elements import read_gazebo_sensors
 from mindstage.robots.models.srdf import Srdf, read_srdf
 from mindstage.robots.models.structure import (
     base_type,
@@ -142,6 +144,8 @@ class _Description(msgspec.Struct, frozen=True, kw_only=True, eq=False):
     notes: Sequence[ModelNote]
     states: tuple[tuple[str, str, tuple[tuple[str, float], ...]], ...] = ()
     disabled_collisions: frozenset[tuple[str, str]] = frozenset()
+    sensors: tuple[RobotSensor, ...] = ()
+    """Those that an MJCF file states."""
     urdf: str = ""
     divided: Callable[[Collection[str]], Mapping[str, BodyGeometry]] | None = None
     """The geometry of all links, in which the collision meshes of some are divided; None if they stay as they are."""
@@ -168,6 +172,7 @@ def _from_mjcf(path: Path, source: ModelSource, folders: Sequence[Path]) -> _Des
         notes=(*robot.notes, *notes),
         states=robot.states,
         disabled_collisions=robot.disabled_collisions,
+        sensors=robot.sensors,
     )
 
 
@@ -224,6 +229,13 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
     disabled = {pair for pair in stated | tree.neighbors() if tree.links.keys() >= set(pair)}
     structure = find_structure(tree, replace(srdf, states=states), base=base)
     contact_notes: list[ModelNote] = []
+    sensor_notes: list[ModelNote] = []
+    stated_sensors = (*description.sensors, *read_gazebo_sensors(description.urdf, sensor_notes))
+    lost = [each for each in stated_sensors if each.link not in tree.links]
+    sensor_notes += (
+        ModelNote(subject=each.link, text=f"{each.name} is left out: there is no such link", is_guess=False)
+        for each in lost
+    )
     for gripper in structure.grippers:
         disabled |= _contacts_on_closing(tree, gripper, disabled, contact_notes)
     if structure.arms and not srdf.disabled_collisions:
@@ -237,14 +249,22 @@ def _assemble(description: _Description, srdf: Srdf, path: Path, name: str | Non
         arms=structure.arms,
         grippers=structure.grippers,
         head=structure.head,
-        sensors=structure.sensors,
+        sensors=_all_sensors([each for each in stated_sensors if each not in lost], structure.sensors),
         group_states=states,
         disabled_collisions=frozenset(disabled),
         home_positions=structure.home_positions,
         source=str(path),
         urdf=description.urdf,
-        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes, *contact_notes),
+        notes=(*description.notes, *tree_notes, *base_notes, *structure.notes, *sensor_notes, *contact_notes),
     )
+
+
+def _all_sensors(stated: Sequence[RobotSensor], named: Sequence[RobotSensor]) -> tuple[RobotSensor, ...]:
+    """The stated sensors, and those found by the names of links that have none of the type."""
+    taken = {(each.link, each.type) for each in stated}
+    names = {each.name for each in stated}
+    others = (each for each in named if (each.link, each.type) not in taken and each.name not in names)
+    return (*stated, *others)
 
 
 def _contacts_on_closing(

@@ -13,6 +13,7 @@ import msgspec
 
 from mindstage.scene import IDENTITY, Iri, Pose, Vector
 from mindstage.scene.geometry import BodyGeometry, Inertia
+from mindstage.sensors.camera_model import CameraModel
 
 __all__ = [
     "Arm",
@@ -218,6 +219,10 @@ class RobotSensor(msgspec.Struct, frozen=True, kw_only=True):
     is_optical: bool = False
     field_of_view_rad: float = 1.0
     """Vertical, of cameras."""
+    pose: Pose = IDENTITY
+    """In the frame of the link; of a camera with a model, that of its optical frame."""
+    camera: CameraModel | None = None
+    """The camera that the description states; None if the sensor was found by the name of its link."""
 
 
 class RobotComponent(msgspec.Struct, frozen=True, kw_only=True):
