@@ -769,6 +769,8 @@ _MIN_STORED_BODIES = 50
 """What is decided about smaller maps is not kept, since it takes a few milliseconds."""
 _MAX_STORED_BYTES = 64 << 20
 """Total size of the decisions, from which the least recently used files are deleted."""
+_LEVEL_SINE = 0.02
+"""Sine of the largest slope of an axis along which the height does not depend on the origin of a mesh."""
 _SIDE_NAMES = (("back", "front"), ("right", "left"), ("bottom", "top"))
 """Sides of a box along its axes, the one at the lower coordinate first."""
 
@@ -886,7 +888,9 @@ class _PivotFinder:
         bodies = _examples([local_name(self.bodies.members[row]) for row in group.rows.tolist()], "{}")
         problem = f"{', '.join(texts)} of its box may be the origin of its mesh, by faces in common planes"
         action = f"{' and '.join(kept)} of the box counts, for {bodies}"
-        self.source_map.report(Severity.WARNING, group.cls, PIVOT, problem, action)
+        rises = np.abs(self.bodies.rotations[group.rows][:, 2, list(choice.undecided)]).max() > _LEVEL_SINE
+        property = PIVOT if rises else TRANSLATION.property  # the height does not depend on what is level
+        self.source_map.report(Severity.WARNING, group.cls, property, problem, action)
 
 
 def _anchors(source_map: SourceMap, bodies: _Bodies) -> Anchors:
