@@ -274,6 +274,34 @@ def test_an_open_box_is_decomposed_into_convex_parts_with_space_inside(folder: P
     assert np.abs(corners).max(axis=0) == pytest.approx((0.2, 0.2, 0.1)), "no part protrudes from the tray"
 
 
+def test_what_a_mesh_is_built_of_is_kept_where_it_is_convex(folder: Path, cache: Path) -> None:
+    """Each board of a rack is a part, with its extents; screws, and a plug within a board, are none."""
+    pytest.importorskip("coacd")
+    boards = [((0.02, 0.3, 0.8), (-0.29, 0, 0)), ((0.02, 0.3, 0.8), (0.29, 0, 0))]
+    boards += [((0.56, 0.3, 0.02), (0, 0, z)) for z in (-0.39, 0.0, 0.35)]
+    small = [((0.012, 0.012, 0.012), (0.29, 0.1, 0.2)), ((0.01, 0.2, 0.01), (-0.29, 0, 0))]
+    rack = trimesh.util.concatenate([block(size, at) for size, at in boards + small])
+    rack.export(folder / "rack.stl")
+    geometry, _ = geometry_for(folder, cache, body(size=(0.6, 0.3, 0.8), cls="Rack"))
+    assert geometry is not None
+    found = sorted(np.round((*each.size, *each.pose.position), 4).tolist() for each in geometry.collision_shapes)
+    np.testing.assert_allclose(found, sorted([*size, *at] for size, at in boards), atol=2e-4)
+
+
+def test_a_pipe_of_one_piece_stays_hollow_and_a_dented_block_is_one_part(folder: Path, cache: Path) -> None:
+    pytest.importorskip("coacd")
+    trimesh.creation.annulus(r_min=0.08, r_max=0.1, height=0.2).export(folder / "pipe.stl")
+    geometry, _ = geometry_for(folder, cache, body(size=None, cls="Pipe"))
+    assert geometry is not None
+    assert compile_geometry(geometry.collision_shapes).volume < 0.7 * np.pi * 0.1**2 * 0.2
+    dented = trimesh.creation.icosphere(subdivisions=3, radius=0.1)
+    dented.vertices[np.argmax(dented.vertices[:, 2])] *= 0.96
+    dented.export(folder / "stone.stl")
+    geometry, _ = geometry_for(folder, cache, body(size=None, cls="Stone"))
+    assert geometry is not None
+    assert len(geometry.collision_shapes) == 1
+
+
 def test_a_hull_has_the_extents_of_its_mesh(folder: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mindstage.assets.mesh_import._can_decompose", lambda: False)
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)

@@ -724,6 +724,19 @@ class PhysicsContract(DescriptionContract):
         assert [note.ids for note in engine.notes if note.kind is SpawnNoteKind.STOPPED] == [("box",)]
         assert engine.snapshot().body("box").physics.mobility is Mobility.DYNAMIC
 
+    def test_a_fall_is_measured_from_what_is_loose_and_ends_on_what_is_below(self, engine: Engine) -> None:
+        """A street far below the place does not move the limit, and what falls onto it is not stopped before."""
+        street = body("street", (20, 0, -40.0), (10, 10, 0.2))
+        lost, caught = (
+            body(id, (x, 0, 0.1), (0.2, 0.2, 0.2), "dynamic", 1.0) for id, x in (("lost", -9), ("caught", 20))
+        )
+        engine.apply(Spawn(world(body("floor", (0, 0, -0.05), (6, 6, 0.1)), street, lost, caught)))
+        for _ in range(40):
+            engine.step(0.1)
+            engine.poses()
+        assert -14.0 < current_pose(engine, "lost")[2] < -10.0
+        assert current_pose(engine, "caught")[2] == pytest.approx(-39.8, abs=2 * self.rest_tolerance_m)
+
     # -- edits of a running world
 
     def running_room(self, engine: Engine) -> dict[str, np.ndarray]:

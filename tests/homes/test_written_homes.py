@@ -259,21 +259,35 @@ def test_predicates_are_as_frequent_as_in_a_public_map(dialect: HomeDialect, see
 @pytest.mark.parametrize("dialect", HomeDialect)
 def test_the_readers_find_every_body_and_joint(dialect: HomeDialect, tmp_path: Path) -> None:
     home = write_home(generate_home(seed=1, clutter=0.0), dialect=dialect)
-    found = misreadings(read_world(home, tmp_path), json.loads(home.truth))
+    world, doubted = read_world(home, tmp_path)
+    found = misreadings(world, json.loads(home.truth), doubted)
     assert found["bodies"] > 80
     assert found["joints"] > 20
     assert [kind for kind in KINDS if found[kind] and kind.endswith(("missing", "on its front", "kind of joint"))] == []
 
 
+@pytest.mark.parametrize("dialect", [HomeDialect.SEMLOG, HomeDialect.AMEVA])
+def test_wrong_centers_have_findings_and_turned_handles_are_read(dialect: HomeDialect, tmp_path: Path) -> None:
+    total: Counter[str] = Counter()
+    for seed in (1, 2, 3):
+        home = write_home(generate_home(seed=seed, clutter=0.3), dialect=dialect)
+        world, doubted = read_world(home, tmp_path)
+        total.update(misreadings(world, json.loads(home.truth), doubted))
+    assert total["center off by 1 cm"] > 20
+    assert total["of these without a finding"] < 0.1 * total["center off by 1 cm"]
+    assert total["box off by 1 cm"] == 0
+
+
 def test_a_misreading_is_counted(tmp_path: Path) -> None:
     made = write_home(generate_home(seed=1, clutter=0.0), dialect=HomeDialect.SOMA)
-    world, truth = read_world(made, tmp_path), json.loads(made.truth)
-    before = misreadings(world, truth)
+    (world, doubted), truth = read_world(made, tmp_path), json.loads(made.truth)
+    before = misreadings(world, truth, doubted)
     body, joint = next(iter(truth["bodies"].values())), next(iter(truth["joints"].values()))
     body["center"][0] += 0.02
     joint["moving"], joint["base"] = joint["base"], joint["moving"]
-    after = misreadings(world, truth)
+    after = misreadings(world, truth, doubted)
     assert after["center off by 1 cm"] == before["center off by 1 cm"] + 1
+    assert after["of these without a finding"] == before["of these without a finding"] + 1
     assert after["ends exchanged"] == before["ends exchanged"] + 1
 
 

@@ -71,6 +71,15 @@ def test_a_handle_that_was_logged_turned_lies_along_its_door(read_logged: ReadLo
     assert_box(body_of(knowledge, FRONT), FRONT.box)
 
 
+def test_two_boxes_that_fit_equally_well_are_a_finding(read_logged: ReadLogged) -> None:
+    """Nothing shows which of two bins was measured: the first one counts."""
+    bins = [LoggedBody(f"bin{n}", "WasteBin", (0.3, 0.5, 0.4), (4 * n, 0.0, 0.2), yaw(90 * n)) for n in (0, 1)]
+    knowledge = read_logged(logged_map(bins), SizeFrame.WORLD)
+    assert_box(body_of(knowledge, bins[0]), bins[0].box)
+    texts = [each.problem for each in knowledge.findings() if each.individual.endswith("WasteBin")]
+    assert [text for text in texts if "0.3 x 0.5 x 0.4 m and 0.5 x 0.3 x 0.4 m" in text], texts
+
+
 def test_a_poster_is_in_the_plane_of_its_frame(read_logged: ReadLogged) -> None:
     knowledge = read_logged(logged_map([FRAME, POSTER]))
     assert_box(body_of(knowledge, POSTER), POSTER.box)

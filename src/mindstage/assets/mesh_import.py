@@ -27,7 +27,7 @@ from mindstage.scene.transforms import Array
 
 __all__ = ["ImportedMesh", "MeshProgress", "import_meshes"]
 
-_VERSION = 2
+_VERSION = 3
 """Version of the cached files."""
 _REJECTED_SUFFIX = ".rejected"
 _EXIT_TIMEOUT_S = 10.0

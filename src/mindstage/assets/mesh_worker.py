@@ -30,7 +30,13 @@ _MAX_FACES = 2_000_000
 _MAX_IMAGE_PIXELS = 1024
 """Maximum width and height; larger images are scaled down."""
 _MAX_COLORS = 24
-_MAX_CONVEX_PARTS = 24
+_MAX_CONVEX_PARTS, _MIN_CONVEX_PARTS, _MAX_CONVEX_COMPONENTS = 24, 8, 48
+"""Number of parts of a decomposition, and of those of what remains beside connected parts that are nearly convex."""
+_MAX_BULGE, _MAX_OUT = 0.03, 0.01
+"""Distance between a surface and its hull up to which it is nearly convex, and by how much a part that is left out
+protrudes from another one; relative to the largest extent of the mesh."""
+_SAMPLES_PER_AREA, _FIRST_SAMPLES = 8_000, 200
+"""Number of samples for each squared extent of the mesh, and of those on the hull that are tried first."""
 _MAX_HULL_DIRECTIONS = 512
 
 # From y up and z forward (glTF, and COLLADA by default) to x forward, y left, z up.
@@ -228,25 +234,101 @@ def _image(texture: Any) -> Any:
 
 
 def _convex_parts(visuals: list[dict[str, Any]], points: Any) -> list[Any]:
-    """Convex parts whose union approximates the mesh."""
-    import coacd
+    """Convex parts whose union approximates the mesh.
 
-    coacd.set_log_level("off")
+    What is nearly convex is its hull: the mesh, or the connected parts that it was built of, such as boards. Only the
+    others are decomposed, which takes seconds.
+    """
     starts = np.cumsum([0, *(len(visual["points"]) for visual in visuals)])
     faces = np.concatenate(
         [visual["faces"].astype(np.int64) + start for visual, start in zip(visuals, starts, strict=False)]
     )
     # Merge points that coincide: at texture seams the surface would appear to be open.
-    merged, new_index = np.unique(np.round(points / np.ptp(points, axis=0).max(), 6), axis=0, return_inverse=True)
+    scale = np.ptp(points, axis=0).max()
+    merged, new_index = np.unique(np.round(points / scale, 6), axis=0, return_inverse=True)
     faces = new_index.reshape(-1)[faces]
     faces = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
-    # A quarter of the default search: a few seconds for each mesh, with hardly worse parts.
+    if not len(faces) or _nearly_convex_hull(merged, faces) is not None:
+        return [_hull(points)]
+    convex, others = _components(merged, faces)
+    if len(convex) > _MAX_CONVEX_COMPONENTS:
+        convex, others = [], [faces]
+    parts = [merged[np.unique(component)] for component in convex]
+    if others:
+        parts += _decomposed(merged, np.concatenate(others), max(_MAX_CONVEX_PARTS - len(parts), _MIN_CONVEX_PARTS))
+    return [_hull(part * scale) for part in parts] or [_hull(points)]
+
+
+def _components(points: Any, faces: Any) -> tuple[list[Any], list[Any]]:
+    """The faces of the connected parts of a mesh, those that are nearly convex first.
+
+    Parts that are small, or within one that is nearly convex, are left out unless there is no other one.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    # Boards that meet at an edge are different parts: only edges of two triangles connect these.
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) @ [len(points), 1]
+    _, edges, counts = np.unique(edges, return_inverse=True, return_counts=True)
+    order = np.argsort(edges.reshape(-1), kind="stable")
+    ends = order[np.repeat(counts == 2, counts)].reshape(-1, 2) // 3
+    links = coo_array((np.ones(len(ends)), ends.T), shape=(len(faces), len(faces)))
+    labels = connected_components(links, directed=False)[1]
+    order = np.argsort(labels, kind="stable")
+    found = [faces[rows] for rows in np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)]
+    large = [each for each in found if np.ptp(points[each.reshape(-1)], axis=0).max() > _MAX_BULGE] or found
+    hulls = [_nearly_convex_hull(points, each) for each in large]
+    volumes = [0.0 if hull is None else hull.volume for hull in hulls]
+    kept: list[int] = []
+    for number in sorted(range(len(large)), key=lambda number: -volumes[number]):
+        corners = points[np.unique(large[number])]
+        planes = (hulls[other].equations for other in kept if hulls[other] is not None)
+        if not any((each[:, :3] @ corners.T + each[:, 3:]).max() < _MAX_OUT for each in planes):
+            kept.append(number)
+    return [large[n] for n in kept if hulls[n] is not None], [large[n] for n in kept if hulls[n] is None]
+
+
+def _nearly_convex_hull(points: Any, faces: Any) -> Any:
+    """The hull of a surface that is near it everywhere, so that nothing larger fits between them; otherwise None."""
+    from scipy.spatial import ConvexHull, KDTree, QhullError
+
+    corners = points[np.unique(faces)]
+    try:
+        hull = ConvexHull(corners)
+    except QhullError:  # it is flat
+        return None
+    # Distances to samples are at least those to the surface, so that chance only makes a surface less convex.
+    generator = np.random.default_rng(0)
+    surface = KDTree(np.concatenate([corners, _samples(points, faces, generator)]))
+    on_hull = _samples(corners, hull.simplices, generator)
+    for some in (on_hull[:: max(len(on_hull) // _FIRST_SAMPLES, 1)], on_hull):
+        if np.isinf(surface.query(some, distance_upper_bound=_MAX_BULGE)[0]).any():
+            return None
+    return hull
+
+
+def _samples(points: Any, faces: Any, generator: np.random.Generator) -> Any:
+    """Random points on a surface, at least one on each triangle."""
+    first, second, third = (points[faces[:, corner]] for corner in range(3))
+    area = np.linalg.norm(np.cross(second - first, third - first), axis=1) / 2
+    rows = np.repeat(np.arange(len(faces)), np.ceil(area * _SAMPLES_PER_AREA).astype(np.intp))
+    along = generator.random((2, len(rows), 1))
+    along = np.where(along.sum(axis=0) > 1.0, 1.0 - along, along)
+    return first[rows] + along[0] * (second - first)[rows] + along[1] * (third - first)[rows]
+
+
+def _decomposed(points: Any, faces: Any, count: int) -> list[Any]:
+    """The corners of at most so many convex parts of a surface."""
+    import coacd
+
+    coacd.set_log_level("off")
+    used, faces = np.unique(faces, return_inverse=True)
+    # A seventh of the default search: a few seconds for each mesh, with hardly worse parts.
     parts = coacd.run_coacd(
-        coacd.Mesh(merged, faces), threshold=0.06, max_convex_hull=_MAX_CONVEX_PARTS, preprocess_resolution=30,
-        resolution=1000, mcts_iterations=50, mcts_nodes=12, mcts_max_depth=2, seed=1,
+        coacd.Mesh(points[used], faces.reshape(-1, 3)), threshold=2 * _MAX_BULGE, max_convex_hull=count,
+        preprocess_resolution=30, resolution=1000, mcts_iterations=20, mcts_nodes=12, mcts_max_depth=2, seed=1,
     )  # fmt: skip
-    scale = np.ptp(points, axis=0).max()
-    return [_hull(np.asarray(corners) * scale) for corners, _ in parts if len(corners) >= 4] or [_hull(points)]
+    return [np.asarray(corners) for corners, _ in parts if len(corners) >= 4]
 
 
 def _hull(points: Any) -> Any:

@@ -1,13 +1,14 @@
 """The place that a world occupies: its bounds, and bodies that leave it.
 
-Bodies that fall far below the place are stopped there, since their poses would grow without limit.
+Bodies that fall far below all that is loose, with nothing below them, are stopped there, since their poses would grow
+without limit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ __all__ = [
 ]
 
 MAX_FALL_M = 10.0
-"""Bodies that are farther below the place are stopped [m]."""
+"""Bodies that are farther below what is loose are stopped, unless something is below them [m]."""
 MOVED_DISTANCE_M = 0.1
 """Bodies that move farther right after the spawn are reported [m]."""
 REST_CHECK_S = 2.0
@@ -51,15 +52,33 @@ class EnvironmentBounds:
     """Lower corner [m]."""
     high: Array
     """Upper corner [m]."""
+    fall_limit_m: float = -np.inf
+    """The height below which bodies are stopped that have nothing below them [m]."""
+    below: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    """Lower and upper corners of what is below this height at least partly, n x 2 x 3 [m]."""
 
     @classmethod
-    def from_boxes(cls, boxes: OrientedBoxes) -> EnvironmentBounds | None:
-        """The bounds of all bodies that belong to the place; None without bodies."""
+    def from_boxes(cls, boxes: OrientedBoxes, is_loose: NDArray[np.bool_] | None = None) -> EnvironmentBounds | None:
+        """The bounds of all bodies that belong to the place; None without bodies.
+
+        Args:
+            boxes: a box around each body.
+            is_loose: whether each is loose; by default none is. Falls are measured from the side of a fixed body that
+                is next below the lowest one, such as its floor: streets and skies of a map may be hundreds of meters
+                lower.
+        """
         if not len(boxes.center):
             return None
         low, high = boxes.bounds()
         belongs = belongs_to_place(boxes)
-        return cls(low[belongs].min(axis=0), high[belongs].max(axis=0))
+        bounds = cls(low[belongs].min(axis=0), high[belongs].max(axis=0))
+        loose = belongs & (False if is_loose is None else is_loose)
+        fixed = belongs & ~loose
+        from_m = low[loose, 2].min(initial=np.inf) if loose.any() else bounds.low[2]
+        from_m = max(low[fixed & (low[:, 2] <= from_m), 2], default=from_m)
+        limit_m = float(from_m) - MAX_FALL_M
+        is_below = fixed & (low[:, 2] < limit_m)
+        return replace(bounds, fall_limit_m=limit_m, below=np.stack([low[is_below], high[is_below]], axis=1))
 
     def includes(self, boxes: OrientedBoxes) -> NDArray[np.bool_]:
         """For each new body, whether it belongs to the place: neither scenery nor far away."""
@@ -69,15 +88,18 @@ class EnvironmentBounds:
 
     def extended(self, low: Array, high: Array) -> EnvironmentBounds:
         """The bounds that contain more bodies as well; their lower and upper corners are n x 3 [m]."""
-        return EnvironmentBounds(
-            np.minimum(self.low, low.min(axis=0, initial=np.inf)),
-            np.maximum(self.high, high.max(axis=0, initial=-np.inf)),
+        return replace(
+            self,
+            low=np.minimum(self.low, low.min(axis=0, initial=np.inf)),
+            high=np.maximum(self.high, high.max(axis=0, initial=-np.inf)),
+            fall_limit_m=min(self.fall_limit_m, float(low[:, 2].min(initial=np.inf)) - MAX_FALL_M),
         )
 
-    @property
-    def fall_limit_m(self) -> float:
-        """The height below which bodies are stopped [m]."""
-        return float(self.low[2]) - MAX_FALL_M
+    def falls_for_ever(self, position: Array) -> bool:
+        """Whether something at a position, 3 [m], is below the limit of falls and above nothing."""
+        low, high = self.below[:, 0], self.below[:, 1]
+        is_above = (position >= low).all(axis=1) & (position[:2] <= high[:, :2]).all(axis=1)
+        return bool(position[2] < self.fall_limit_m) and not is_above.any()
 
     def is_left(self, positions: Array) -> NDArray[np.bool_]:
         """Whether positions, n x 3, are outside of the place."""

@@ -861,18 +861,19 @@ class PhysicsModelBuilder:
         self.registry.immovable.update(ids)
         self._forest = None
 
-    def stop_fallen(self, heights: Mapping[BodyId, float]) -> list[BodyId]:
+    def stop_fallen(self, positions: Mapping[BodyId, Array]) -> list[BodyId]:
         """Makes loose bodies static that fell far below the place; returns them, and appends to `late_notes`.
 
         Args:
-            heights: z coordinates of roots of loose groups [m].
+            positions: those of roots of loose groups, 3 each [m].
         """
-        if self.bounds is None:
+        bounds = self.bounds
+        if bounds is None:
             return []
-        limit_m = self.bounds.fall_limit_m
-        fallen = [id for id, height_m in heights.items() if height_m < limit_m and id not in self.registry.immovable]
+        fallen = [id for id, at in positions.items() if bounds.falls_for_ever(at) and id not in self.registry.immovable]
         for id in fallen:
-            text = f"{id} fell to {limit_m:.3g} m, {MAX_FALL_M:g} m below everything else: it is stopped there"
+            below = f"{MAX_FALL_M:g} m below what is loose and its floor, and above nothing"
+            text = f"{id} fell to {bounds.fall_limit_m:.3g} m, {below}: it is stopped there"
             self.late_notes.append(SpawnNote(SpawnNoteKind.STOPPED, (id,), text))
         if fallen:
             self.make_immovable(fallen)
@@ -907,10 +908,10 @@ class PhysicsModelBuilder:
         """
         ids, before = self.registry.ids, self.ground
         boxes = self.mass_properties.overlap_boxes(ids, poses)
-        self.bounds = EnvironmentBounds.from_boxes(boxes)
+        is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
+        self.bounds = EnvironmentBounds.from_boxes(boxes, is_loose)
         if not has_ground:
             return []
-        is_loose = np.array([self.is_loose(id) for id in ids], dtype=bool)
         is_new = np.arange(len(ids)) >= len(ids) - len(new_ids)
         belongs, low = belongs_to_place(boxes), boxes.bounds()[0][:, 2]
         is_certain = np.array([id not in self.uncertain_poses for id in ids], dtype=bool)

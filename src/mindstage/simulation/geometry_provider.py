@@ -107,7 +107,7 @@ class GeometryProvider:
         return find_immovable_bodies(world, self._knowledge)
 
     def find_uncertain_poses(self, world: World) -> frozenset[BodyId]:
-        """The bodies of a world whose pose, or the origin of whose mesh, is doubtful by a finding about the map."""
+        """The bodies whose pose, or the height of the origin of whose mesh, is doubtful by a finding about the map."""
         doubted = {each.individual for each in self._knowledge.findings() if each.property in (HAS_POSE, PIVOT)}
         return frozenset(each.id for each in world.bodies if each.iri in doubted or each.cls in doubted)
 

@@ -325,7 +325,8 @@ class ModelCache:
                 continue
             heights = compiled.data.qpos[compiled.free_heights]
             if heights.min() < self.builder.bounds.fall_limit_m:
-                of_roots = dict(zip(compiled.free_joint_addresses, heights.tolist(), strict=True))
+                positions = compiled.data.qpos[compiled.free_heights[:, None] + np.arange(-2, 1)]
+                of_roots = dict(zip(compiled.free_joint_addresses, positions, strict=True))
                 if fallen := self.builder.stop_fallen(of_roots):
                     self._at_rest.update(fallen)
                     self.stale = True

@@ -440,15 +440,15 @@ class CompiledRemoteEngine(EditingEngine, MindstageRemoteEngine):
         if bounds is None or rows is None or not len(rows) or rows[:, 2].min() >= bounds.fall_limit_m:
             return
         ids, root_of = self._builder.registry.ids, self._builder.forest.root_of
-        heights = {
-            id: float(row[2])
+        positions = {
+            id: row[:3]
             for id, row in zip(ids, rows, strict=True)
             if row[2] < bounds.fall_limit_m and root_of[id] == id and self._builder.is_loose(id)
         }
-        if not heights:
+        if not positions:
             return
         trial = self._builder.copy()
-        fallen = trial.stop_fallen(heights)
+        fallen = trial.stop_fallen(positions)
         if not fallen:
             return
         sent = ModelState.from_builder(trial)

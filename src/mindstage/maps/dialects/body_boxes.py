@@ -80,6 +80,10 @@ _SAME_PLACE = 0.3
 _SIMILAR_SIZE = 4.0
 """Factor of largest extents up to which bodies at one place are compared."""
 _SAME_PLANE_M = 0.05
+_TOUCHING, _TOUCHING_M = 0.1, 0.001
+"""How much it counts that all bodies of a class touch their neighbors, and how exactly [m]."""
+_CLEAR_COST, _SIMILAR_BOX_M = 0.05, 0.01
+"""Difference of costs from which a box fits clearly better, and of extents from which that matters [m]."""
 _MESH_CENTER_TOLERANCE = 0.01
 """Distance of a mesh's center from its origin, relative to its extent, up to which the origin counts as the center."""
 _MESH_TOLERANCE = 0.05
@@ -344,6 +348,8 @@ class _Choice:
     """n x 3; empty if no individual can have the bounds that are given."""
     priors: Array
     """n costs, higher for individuals that come later in the map."""
+    costs: Array = field(default_factory=lambda: np.zeros(0))
+    """n costs with those of the neighbors; empty for a single box."""
     is_repaired: bool = False
     """Whether the boxes have only two of the three extents that are given."""
     chosen: int = 0
@@ -408,6 +414,7 @@ class _SizeSolver:
         if frame is SizeFrame.WORLD:
             text = f"{text}; {self._outcome()}"
             self._report_impossible()
+            self._report_similar()
         self.source_map.record_assumption("sizes", frame.value, text)
         return frame
 
@@ -423,12 +430,12 @@ class _SizeSolver:
         for _ in range(2):
             for choice in self.choices:
                 if len(choice.boxes) > 1:
-                    costs = choice.priors + [
-                        self._protrusion(choice.group, box, self._chosen_sizes)
-                        - 0.04 * self._coplanar(choice.group, box)
-                        for box in choice.boxes
-                    ]
-                    choice.chosen = int(np.argmin(costs))
+                    protruding, touching = np.transpose(
+                        [self._fit(choice.group, box, self._chosen_sizes) for box in choice.boxes]
+                    )
+                    coplanar = [self._coplanar(choice.group, box) for box in choice.boxes]
+                    choice.costs = choice.priors + protruding - _TOUCHING * touching - np.multiply(0.04, coplanar)
+                    choice.chosen = int(np.argmin(choice.costs))
                     self._chosen_sizes[choice.group.rows] = choice.box
 
     # -- neighbors -----------------------------------------------------------------------------------------------------
@@ -464,12 +471,13 @@ class _SizeSolver:
         both = both[np.diff(both, axis=0, prepend=-1).any(axis=1)]  # np.unique would load numpy.ma, which is slow
         return np.searchsorted(both[:, 0], np.arange(count + 1)), both[:, 1]
 
-    def _protrusion(self, group: _Group, box: Array, sizes: Array) -> float:
-        """Returns how far the bodies of a class, with this box, stick out of their neighbors, relative to their size.
+    def _fit(self, group: _Group, box: Array, sizes: Array) -> tuple[float, float]:
+        """Returns how far the bodies of a class, with this box, stick out of their neighbors, and how often they touch.
 
         Parts of one thing and things at one place lie along each other: a handle along its door, a poster in its frame.
         The measure is the sum of the extents of the common bounds, along the axes of the neighbor, less that of the
-        larger one's bounds.
+        larger one's bounds, relative to their size. They touch where opposite faces are in one plane, as those of a
+        handle and its door.
 
         Args:
             group: the class.
@@ -480,7 +488,7 @@ class _SizeSolver:
         first, last = starts[group.rows], starts[group.rows + 1]
         number = last - first
         if not number.any():
-            return 0.0
+            return 0.0, 0.0
         row = np.repeat(group.rows, number)
         other = others[np.repeat(first - np.cumsum(number) + number, number) + np.arange(number.sum())]
         to_other = np.swapaxes(self.bodies.rotations[other], 1, 2)
@@ -490,7 +498,9 @@ class _SizeSolver:
         common = np.maximum(at + mine, its) - np.minimum(at - mine, -its)
         excess = common.sum(axis=1) - 2 * np.maximum(mine.sum(axis=1), its.sum(axis=1))
         size = np.minimum(mine.max(axis=1), its.max(axis=1)) * 2
-        return float(np.mean(np.divide(excess, size, out=np.zeros_like(excess), where=size > 0.0)))
+        protruding = np.divide(excess, size, out=np.zeros_like(excess), where=size > 0.0)
+        touching = (np.abs(np.abs(at) - mine - its) < _TOUCHING_M).any(axis=1)
+        return float(protruding.mean()), float(touching.mean())
 
     def _coplanar(self, group: _Group, box: Array) -> float:
         """Returns the fraction of the bodies of a class that would be panes in the plane of another class's pane."""
@@ -581,8 +591,8 @@ class _SizeSolver:
         weight = 0.0
         for choice in self.choices:
             if choice.differs:
-                as_body = self._protrusion(choice.group, choice.group.stated, self.bodies.stated)
-                difference = as_body - self._protrusion(choice.group, choice.box, self._chosen_sizes)
+                as_body, _ = self._fit(choice.group, choice.group.stated, self.bodies.stated)
+                difference = as_body - self._fit(choice.group, choice.box, self._chosen_sizes)[0]
                 if abs(difference) > _CLEAR_DIFFERENCE:
                     weight += float(np.clip(4.0 * difference, -2.0, 2.0))
                     votes[SizeFrame.WORLD if difference > 0.0 else SizeFrame.BODY].append(local_name(choice.group.cls))
@@ -614,6 +624,21 @@ class _SizeSolver:
                     box = " x ".join(f"{extent:.3g}" for extent in choice.box)
                     kind, action = "round box", f"two of them are those of a round one, {box} m, which is used"
                 problem = f"no {kind} has the world-aligned bounds {extents} m at the orientation of any of its bodies"
+                self.source_map.report(Severity.WARNING, choice.group.cls, SIZE[0].property, problem, action)
+
+    def _report_similar(self) -> None:
+        """Reports classes that another box fits about as well, which differs from the chosen one."""
+        for choice in self.choices:
+            if not len(choice.costs):
+                continue
+            apart = np.abs(choice.boxes - choice.box).max(axis=1) > _SIMILAR_BOX_M
+            likely = np.flatnonzero(apart & (choice.costs < choice.costs[choice.chosen] + _CLEAR_COST))
+            if len(likely):
+                other = choice.boxes[likely[np.argmin(choice.costs[likely])]]
+                one, two = (" x ".join(f"{extent:.3g}" for extent in box) for box in (choice.box, other))
+                problem = f"{one} m and {two} m have its world-aligned bounds at the orientations of its bodies"
+                problem = f"{problem}, and fit about equally well"
+                action = "the first one is used"
                 self.source_map.report(Severity.WARNING, choice.group.cls, SIZE[0].property, problem, action)
 
 
@@ -744,6 +769,8 @@ _MIN_STORED_BODIES = 50
 """What is decided about smaller maps is not kept, since it takes a few milliseconds."""
 _MAX_STORED_BYTES = 64 << 20
 """Total size of the decisions, from which the least recently used files are deleted."""
+_LEVEL_SINE = 0.02
+"""Sine of the largest slope of an axis along which the height does not depend on the origin of a mesh."""
 _SIDE_NAMES = (("back", "front"), ("right", "left"), ("bottom", "top"))
 """Sides of a box along its axes, the one at the lower coordinate first."""
 
@@ -861,7 +888,9 @@ class _PivotFinder:
         bodies = _examples([local_name(self.bodies.members[row]) for row in group.rows.tolist()], "{}")
         problem = f"{', '.join(texts)} of its box may be the origin of its mesh, by faces in common planes"
         action = f"{' and '.join(kept)} of the box counts, for {bodies}"
-        self.source_map.report(Severity.WARNING, group.cls, PIVOT, problem, action)
+        rises = np.abs(self.bodies.rotations[group.rows][:, 2, list(choice.undecided)]).max() > _LEVEL_SINE
+        property = PIVOT if rises else TRANSLATION.property  # the height does not depend on what is level
+        self.source_map.report(Severity.WARNING, group.cls, property, problem, action)
 
 
 def _anchors(source_map: SourceMap, bodies: _Bodies) -> Anchors:

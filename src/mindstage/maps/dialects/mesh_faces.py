@@ -65,9 +65,10 @@ _HELD_M, _MAX_SUNK = 0.02, 0.1
 """Gap up to which bodies hold each other [m], and how far they may be in each other, relative to the smaller one."""
 _MAX_DEFECTS = 0.85
 """How many bodies may be in the air or in others, relative to those without the evidence of faces, if it is used."""
-_MIN_SIDE, _MIN_CENTER, _MIN_MIDDLE, _MIN_RARE = 0.9, 0.97, 0.75, 0.999
-"""Probabilities from which a side is chosen, the center of a height, and that of a depth or a width; and from which a
-side other than the bottom is not reported."""
+_MIN_SIDE, _MIN_CENTER, _MIN_MIDDLE = 0.9, 0.97, 0.75
+"""Probabilities from which a side is chosen, the center of a height, and that of a depth or a width."""
+_MIN_SURE, _MIN_RARE = 0.99, 0.999
+"""Probabilities from which a choice is not reported, and a side other than the bottom, if other evidence agrees."""
 _ROUNDS, _MESSAGES, _DAMPING = 3, 25, 0.5
 """Number of times that overlaps are computed, number of messages for each, and the share of a message that is kept."""
 
@@ -109,7 +110,8 @@ class SideChoice(NamedTuple):
     chances: Array
     """The probabilities of the center being at -1, 0 and 1 half extents, by axis: 3 x 3."""
     undecided: tuple[int, ...]
-    """The axes along which another side may be right, too; the center counts where none is clearly more likely."""
+    """The axes along which another side may be right, too; the center counts where none is clearly more likely. Also
+    those of what is as large as a room, if nothing says where its origin is."""
 
 
 def choose_sides(
@@ -139,7 +141,9 @@ def choose_sides(
         chosen = sides
     else:
         is_rare = (best != 1) & (best != 1 + solver.up)
-        undecided |= is_rare & (chances.max(axis=2) < _MIN_RARE) & ~solver.is_certain
+        is_doubtful = is_rare & ((chances.max(axis=2) < _MIN_RARE) | (sides != chosen))
+        is_doubtful |= (chances.max(axis=2) < _MIN_SURE) & (solver.is_vertical | ~solver.is_loose[:, None])
+        undecided |= np.where(solver.is_certain, sides == 0.0, is_doubtful)
     axes = (tuple(np.flatnonzero(row).tolist()) for row in undecided)
     margins = -np.diff(np.log(np.maximum(np.sort(chances, axis=2)[:, :, :0:-1], 1e-9)), axis=2)[:, :, 0]
     return [SideChoice(*each) for each in zip(chosen, margins, chances, axes, strict=True)]
@@ -155,6 +159,9 @@ class _FaceSolver:
         first[classes[rows]] = rows
         self.first = first
         """The first body of each class."""
+        linked = classes[np.unique(links)]
+        self.is_loose = 2 * boxes.half_extents[first].max(axis=1) < _LOOSE_M
+        self.is_loose[linked[linked >= 0]] = False
         vertical = boxes.rotation[first, 2]
         self.is_vertical = np.abs(vertical) > _VERTICAL_COSINE
         self.up = np.where(self.is_vertical, np.sign(vertical), 0.0).astype(np.intp)
@@ -285,10 +292,8 @@ class _FaceSolver:
         return single, (np.stack([keys // (3 * self.count + 1), keys % (3 * self.count + 1)]), summed)
 
     def _prior(self) -> Array:
-        boxes, classes, first = self.boxes, self.classes, self.first
-        is_loose = 2 * boxes.half_extents[first].max(axis=1) < _LOOSE_M
-        is_loose[classes[np.unique(self.links)]] = False
-        across = np.where(is_loose[:, None, None], _LOOSE_PRIOR, _HORIZONTAL_PRIOR)
+        boxes, classes = self.boxes, self.classes
+        across = np.where(self.is_loose[:, None, None], _LOOSE_PRIOR, _HORIZONTAL_PRIOR)
         prior = np.where(self.is_vertical[:, :, None], _VERTICAL_PRIOR, across)
         prior = np.where((self.up < 0)[:, :, None], prior[:, :, ::-1], prior)
         prior = prior + _GIVEN * ((self.given[:, :, None] == _STATES) & (_STATES != 0.0))
