@@ -9,10 +9,12 @@ import pytest
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.neem import write_neem
 from mindstage.episodes.semlog import read_semlog
+from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import save_map
 from tests.cli.runner import Run, json_output
 from tests.episodes.bag_files import Transform, matrix, write_bag
 from tests.episodes.episodes import EVENTS, kitchenette_episode
+from tests.episodes.test_neem import write_knowrob_neem
 from tests.kitchenette import kitchenette
 
 
@@ -121,3 +123,21 @@ def test_the_events_of_a_neem_are_those_of_the_episode(run: Run, tmp_path: Path)
         assert [(each.id, each.kind, each.thing, each.agent) for each in episode.events()] == [
             (each.id, each.kind, each.thing, each.agent) for each in EVENTS
         ]
+
+
+def test_a_dump_of_knowrobs_database_is_asked_and_replayed_on_its_map(
+    run: Run, kitchen_map: Path, tmp_path: Path
+) -> None:
+    dump = tmp_path / "dump"
+    write_knowrob_neem(dump, ending=".bson")
+    result = run("episode", "import", dump, "-o", tmp_path / "run.mcap")
+    assert (result.exit_code, "--map" in result.stderr) == (2, True)
+    assert run("episode", "import", dump, "--map", kitchen_map, "-o", tmp_path / "run.mcap").exit_code == 0
+    asked = run("ask", "occurs", "--episode", tmp_path / "run.mcap", "--json")
+    (row,) = json_output(asked)["answers"]
+    assert (row["kind"].rpartition("#")[2], row["thing"].rpartition("#")[2]) == ("PickingUp", "Mug")
+    result = run("replay", dump, "--map", kitchen_map, "--at", 2, "-o", tmp_path / "at2.owl")
+    assert result.exit_code == 0
+    with KnowledgeBase() as knowledge:
+        knowledge.load(tmp_path / "at2.owl")
+        assert knowledge.world().body("Mug").pose.position == pytest.approx((1.7, 0.0, 2.0))

@@ -26,6 +26,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
+from mindstage.episodes.mongo_collections import find_collection, read_collection
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Recording
 from mindstage.episodes.transform_recording import TransformLog, TransformRecording, listed
 from mindstage.errors import EpisodeFileError, KnowledgeError, MapWriteError, without_surrogates
@@ -43,6 +44,7 @@ from mindstage.rdf.vocabulary import (
     ONTOLOGY,
     RDFS,
     SOMA,
+    SUBCLASS_OF,
     TYPE,
     dul,
     ms,
@@ -60,10 +62,15 @@ _NS = 1e-9
 _ROOT, _CLOCK = "map", "world"
 _COMMENT = Iri(RDFS + "comment")
 _ACTION = dul("Action")
+_WITHOUT_OWN_TERM = {
+    EpisodeEventKind.PERFORM,
+    EpisodeEventKind.FALL,
+    EpisodeEventKind.TIP_OVER,
+    EpisodeEventKind.SLIDE,
+}
+"""Kinds whose terms in SOMA are wider: a task of any kind, as that of a whole NEEM is, and motions of any kind."""
 _KIND_OF_CONCEPT = {
-    pattern.concept: EpisodeEventKind(kind)
-    for kind, pattern in EVENT_PATTERNS.items()
-    if kind != EpisodeEventKind.PERFORM  # a task of any kind, as that of a whole NEEM is
+    pattern.concept: EpisodeEventKind(kind) for kind, pattern in EVENT_PATTERNS.items() if kind not in _WITHOUT_OWN_TERM
 } | {
     soma("ContainmentState"): EpisodeEventKind.CONTAINMENT,
     soma("Holding"): EpisodeEventKind.GRASP,
@@ -305,8 +312,11 @@ class _Narrative:
 
 # -- reading -----------------------------------------------------------------------------------------------------------
 
-_NARRATIVES = ("ontology.ttl", "ontology.owl", "triples.json", "triples/triples.json", "roslog/triples.json")
-_EXPERIENCES = ("tf.json", "ros_tf/tf.json", "roslog/tf.json")
+_NARRATIVES = ("ontology.ttl", "ontology.owl")
+_TRIPLES = ("triples", "inferred", "annotations")
+"""KnowRob's collections of statements."""
+_MAX_STAMP_NS = 7_258_118_400_000_000_000
+"""Of a transform: the begin of 2200; nanoseconds since 1970 fit in 64 bits until 2262."""
 _MAPS = ("map.owl", "map.ttl")
 
 
@@ -320,8 +330,9 @@ def read_neem(
 ) -> Neem:
     """Reads a NEEM that `write_neem` or KnowRob wrote.
 
-    The narrative is `ontology.ttl`, `ontology.owl` or `triples.json`, the experience `tf.json`, here or in the folders
-    where KnowRob has them. Collections that are dumped as BSON become JSON with `bsondump --outFile tf.json tf.bson`.
+    The narrative is `ontology.ttl` or `ontology.owl`, or else the collections `triples`, `inferred` and `annotations`,
+    the experience the collection `tf`. Collections are files `.bson` of mongodump or `.json` of mongoexport, also with
+    gzip, here or up to two folders below, such as `ros_tf/roslog/tf.bson` in KnowRob's dumps.
 
     Args:
         path: the folder.
@@ -338,15 +349,19 @@ def read_neem(
     if not folder.is_dir():
         raise EpisodeFileError(str(folder), cause="it is no folder", remedy="a NEEM is a folder with tf.json")
     world = world or _read_map(folder)
-    log = _read_transforms(_find(folder, _EXPERIENCES, "the experience"))
+    experience = find_collection(folder, "tf")
+    if experience is None:
+        remedy = "the experience is a collection tf: tf.json, tf.bson, or ros_tf/roslog/tf.bson"
+        raise EpisodeFileError(str(folder), cause="it has no experience", remedy=remedy)
+    log = _read_transforms(experience)
     events: tuple[EpisodeEvent, ...] = ()
-    if any((folder / name).is_file() for name in _NARRATIVES):
-        narrative = _read_graph(_find(folder, _NARRATIVES, "the narrative"))
-        reader = _EventReader(narrative, world, _first_stamp_ns(log) * _NS)
+    if paths := _narrative(folder):
+        reader = _EventReader(_read_graph(paths), world, _first_stamp_ns(log) * _NS)
         events = reader.events()
         log.findings += reader.findings
     else:
-        log.findings.append(f"the folder has no narrative ({', '.join(_NARRATIVES[:3])}), so there are no events")
+        names = ", ".join((*_NARRATIVES, *(f"a collection {name}" for name in _TRIPLES[:1])))
+        log.findings.append(f"the folder has no narrative ({names}), so there are no events")
     return Neem(
         log,
         world,
@@ -359,19 +374,23 @@ def read_neem(
     )
 
 
-def _find(folder: Path, names: Sequence[str], what: str) -> Path:
-    for name in names:
-        if (folder / name).is_file():
-            return folder / name
-    bson = sorted(each.name for each in folder.rglob("*.bson"))
-    remedy = f"convert {listed(bson)} with bsondump" if bson else f"{what} is one of {', '.join(names)}"
-    raise EpisodeFileError(str(folder), cause=f"it has no {what.removeprefix('the ')}", remedy=remedy)
+def _narrative(folder: Path) -> list[Path]:
+    """The files of the narrative: an ontology, or else KnowRob's collections, of which the triples are needed."""
+    ontology = next((folder / name for name in _NARRATIVES if (folder / name).is_file()), None)
+    if ontology is not None:
+        return [ontology]
+    found = [find_collection(folder, name) for name in _TRIPLES]
+    return [path for path in found if path is not None] if found[0] is not None else []
 
 
 def _read_map(folder: Path) -> World:
+    path = next((folder / name for name in _MAPS if (folder / name).is_file()), None)
+    if path is None:
+        remedy = f"give the one that was recorded, or put it there as {' or '.join(_MAPS)}"
+        raise EpisodeFileError(str(folder), cause="it has no map", remedy=remedy)
     knowledge = KnowledgeBase()
     try:
-        knowledge.load(_find(folder, _MAPS, "the map"))
+        knowledge.load(path)
         return knowledge.world()
     except KnowledgeError as error:
         raise EpisodeFileError(str(folder), cause=f"its map cannot be read: {error}") from error
@@ -379,40 +398,31 @@ def _read_map(folder: Path) -> World:
         knowledge.close()
 
 
-def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The JSON documents of a file, one a line, with their line numbers."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise EpisodeFileError(str(path), cause=error.strerror or str(error)) from error
-    for number, line in enumerate(data.splitlines(), start=1):
-        if line.strip():
-            try:
-                yield number, msgspec.json.decode(line, type=dict[str, Any])
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
-                raise EpisodeFileError(
-                    str(path),
-                    cause=f"line {number} is no JSON document: {error}",
-                    remedy="export it one document a line",
-                ) from error
-
-
 def _read_transforms(path: Path) -> TransformLog:
     log = TransformLog()
-    for number, document in _lines(path):
-        try:
-            header, transform = document["header"], document["transform"]
-            at, turn = transform["translation"], transform["rotation"]
-            pose = [float(each) for each in (at["x"], at["y"], at["z"], turn["w"], turn["x"], turn["y"], turn["z"])]
-            stamp_ns = int(header["stamp_ns"]) if "stamp_ns" in header else _stamp_ns(header["stamp"])
-            child, parent = str(document["child_frame_id"]), str(header["frame_id"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise EpisodeFileError(
-                str(path),
-                cause=f"line {number} is no transform: {error!r}",
-                remedy="it needs header.stamp, header.frame_id, child_frame_id and transform",
-            ) from error
-        log.add_transform(child, parent, pose, stamp_ns=stamp_ns, logged_ns=stamp_ns)
+    for place, entry in read_collection(path):
+        # KnowRob's `mongodb_log` stored each message of /tf as one document.
+        documents = entry.get("transforms", [entry])
+        if not isinstance(documents, list):
+            documents = [documents]
+        for document in documents:
+            try:
+                header, transform = document["header"], document["transform"]
+                at, turn = transform["translation"], transform["rotation"]
+                pose = [float(each) for each in (at["x"], at["y"], at["z"], turn["w"], turn["x"], turn["y"], turn["z"])]
+                stamp_ns = int(header["stamp_ns"]) if "stamp_ns" in header else _stamp_ns(header["stamp"])
+                child, parent = document["child_frame_id"], header["frame_id"]
+                if not (isinstance(child, str) and isinstance(parent, str)):
+                    raise TypeError("a frame has no name")
+                if not 0 <= stamp_ns <= _MAX_STAMP_NS:
+                    raise ValueError(f"the stamp {stamp_ns * _NS:g} s is not after 1970 and before 2200")
+            except (KeyError, TypeError, ValueError, OverflowError) as error:
+                raise EpisodeFileError(
+                    str(path),
+                    cause=f"{place} is no transform: {error!r}",
+                    remedy="it needs header.stamp, header.frame_id, child_frame_id and transform",
+                ) from error
+            log.add_transform(child, parent, pose, stamp_ns=stamp_ns, logged_ns=stamp_ns)
     if not log:
         raise EpisodeFileError(str(path), cause="it has no transform")
     return log
@@ -436,26 +446,40 @@ def _first_stamp_ns(log: TransformLog) -> int:
     return min(stamp for samples in log.moving.values() for stamp in samples.stamps)
 
 
-def _read_graph(path: Path) -> Graph:
-    if path.suffix != ".json":
-        try:
-            return read_statements(path)
-        except KnowledgeError as error:
-            raise EpisodeFileError(str(path), cause=f"it cannot be read: {error}") from error
-    graph: dict[Iri, list[PropertyAssertion]] = {}
-    for number, document in _lines(path):
-        subject, property, value = (document.get(key) for key in "spo")
-        if not isinstance(subject, str) or not isinstance(property, str):
-            raise EpisodeFileError(str(path), cause=f"line {number} is no triple", remedy="it needs s, p and o")
-        graph.setdefault(Iri(subject), []).append(PropertyAssertion(Iri(property), _json_value(value)))
-    return graph
+def _read_graph(paths: Sequence[Path]) -> Graph:
+    """The statements of a file of RDF, or of KnowRob's collections of triples and annotations.
+
+    KnowRob stores with a triple the properties and classes that are above its own (`p*`, `o*`); these are read, too.
+    """
+    graph: dict[Iri, dict[PropertyAssertion, None]] = {}
+    for path in paths:
+        if path.suffix in {".ttl", ".owl"}:
+            try:
+                return read_statements(path)
+            except KnowledgeError as error:
+                raise EpisodeFileError(str(path), cause=f"it cannot be read: {error}") from error
+        for place, document in read_collection(path):
+            subject, property = document.get("s"), document.get("p")
+            if not isinstance(subject, str) or not isinstance(property, str) or not {"o", "v"} & set(document):
+                raise EpisodeFileError(str(path), cause=f"{place} is no triple", remedy="it needs s, p, and o or v")
+            value = document["o"] if "o" in document else document["v"]
+            values = [value, *_texts(document, "o*")] if property == TYPE else [value]
+            facts = graph.setdefault(Iri(subject), {})
+            for each in dict.fromkeys((property, *_texts(document, "p*"))):
+                facts |= dict.fromkeys(PropertyAssertion(Iri(each), _json_value(one)) for one in values)
+    return {subject: list(facts) for subject, facts in graph.items()}
+
+
+def _texts(document: Mapping[str, Any], key: str) -> list[str]:
+    values = document.get(key)
+    return [each for each in values if isinstance(each, str)] if isinstance(values, list) else []
 
 
 def _json_value(value: Any) -> FactValue:
     """A value of a triple in KnowRob's store: an IRI, other text, or a number in one of Mongo's notations."""
     if isinstance(value, Mapping) and len(value) == 1:
         (value,) = value.values()
-    if isinstance(value, str) and "://" in value:
+    if isinstance(value, str) and "://" in value and not any(map(str.isspace, value)):
         return IriRef(Iri(value))
     return Literal(str(value).replace("Infinity", "INF"))
 
@@ -490,12 +514,15 @@ class _EventReader:
     def events(self) -> tuple[EpisodeEvent, ...]:
         """The events that have a kind and a body, in the order of their begin."""
         found = []
-        constituents = {
-            value.iri
-            for facts in self._graph.values()
-            for value in self._values(facts, dul("hasConstituent"))
-            if isinstance(value, IriRef)
-        }
+        constituents, settings = (
+            {
+                value.iri
+                for facts in self._graph.values()
+                for value in self._values(facts, dul(property))
+                if isinstance(value, IriRef)
+            }
+            for property in ("hasConstituent", "isSettingFor")
+        )
         for subject, facts in self._graph.items():
             intervals = [
                 value.iri for value in self._values(facts, dul("hasTimeInterval")) if isinstance(value, IriRef)
@@ -504,11 +531,12 @@ class _EventReader:
             if not intervals:
                 continue
             if kind is None:
-                if subject in constituents or not self._is_episode_action(subject):
+                if subject in constituents or subject not in settings:
                     classes = [
-                        local_name(cls) for concept in self._concepts.get(subject, ()) for cls in self._types(concept)
+                        next(cls for cls in [*self._types(concept), None] if cls != NAMED_INDIVIDUAL)
+                        for concept in self._concepts.get(subject, ())
                     ]
-                    names = ", ".join(name for name in classes if name != "NamedIndividual") or "no concept"
+                    names = ", ".join(local_name(cls) for cls in classes if cls) or "no concept"
                     self.findings.append(f"{local_name(subject)} ({names}) is no kind of event here; it is left out")
                 continue
             event = self._event(subject, facts, kind, intervals[0])
@@ -596,13 +624,13 @@ class _EventReader:
         if known := labels & {_THING, _OTHER, _JOINT, _AGENT}:
             yield from sorted(known)
             return
-        classes = set(self._types(role))
+        classes = set(self._classes(role))
         if soma("AgentRole") in classes:
             yield _AGENT
-        elif soma("Patient") in classes:
-            yield _THING
         elif classes & {soma("Supporter"), soma("Container"), soma("Location"), soma("Destination"), soma("Origin")}:
             yield _OTHER
+        elif soma("Patient") in classes:
+            yield _THING
 
     def _name(self, iri: Iri) -> str:
         if iri in self._entities:
@@ -611,12 +639,25 @@ class _EventReader:
         return labels[0] if labels else unquote(local_name(iri))
 
     def _kind(self, subject: Iri) -> EpisodeEventKind | None:
+        """The kind by the class of the event itself, or by that of its task or type, or by a class above that."""
         own = [_KIND_OF_CLASS[cls] for cls in self._types(subject) if cls in _KIND_OF_CLASS]
-        concepts = [cls for concept in self._concepts.get(subject, ()) for cls in self._types(concept)]
+        concepts = [cls for concept in self._concepts.get(subject, ()) for cls in self._classes(concept)]
         return next(iter([*own, *(_KIND_OF_CONCEPT[cls] for cls in concepts if cls in _KIND_OF_CONCEPT)]), None)
 
-    def _is_episode_action(self, subject: Iri) -> bool:
-        return any(IriRef(subject) in self._values(facts, dul("isSettingFor")) for facts in self._graph.values())
+    def _classes(self, subject: Iri) -> list[Iri]:
+        """The classes of an individual, then those above them as far as the narrative states them, nearest first."""
+        found = dict.fromkeys(self._types(subject))
+        nearest = list(found)
+        while nearest:
+            above = [
+                value.iri
+                for cls in nearest
+                for value in self._values(self._graph.get(cls, ()), SUBCLASS_OF)
+                if isinstance(value, IriRef)
+            ]
+            nearest = [cls for cls in dict.fromkeys(above) if cls not in found]
+            found |= dict.fromkeys(nearest)
+        return list(found)
 
     def _types(self, subject: Iri) -> list[Iri]:
         return [value.iri for value in self._values(self._graph.get(subject, ()), TYPE) if isinstance(value, IriRef)]
