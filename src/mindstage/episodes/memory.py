@@ -73,7 +73,7 @@ create index presence_by_thing on presence (thing);
 """
 _ROWS = (
     "select name, begin_s, end_s, start_unix_s, problem from episodes where number = ?",
-    "select * from events not indexed where episode = ? order by rowid",
+    "select * from events where episode = ? order by rowid",
     "select things.* from presence join things on number = thing where episode = ? order by number",
 )
 """What `rows_digest` is made of: all rows of an episode but those that only say whether its file has changed."""
