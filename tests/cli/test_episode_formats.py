@@ -9,12 +9,12 @@ import pytest
 from mindstage.episodes.episode import Episode
 from mindstage.episodes.neem import write_neem
 from mindstage.episodes.semlog import read_semlog
+from mindstage.knowledge import KnowledgeBase
 from mindstage.maps import save_map
-from mindstage.scene import BodyId
 from tests.cli.runner import Run, json_output
 from tests.episodes.bag_files import Transform, matrix, write_bag
 from tests.episodes.episodes import EVENTS, kitchenette_episode
-from tests.episodes.neem_files import dump, write_knowrob_neem
+from tests.episodes.test_neem import write_knowrob_neem
 from tests.kitchenette import kitchenette
 
 
@@ -125,14 +125,19 @@ def test_the_events_of_a_neem_are_those_of_the_episode(run: Run, tmp_path: Path)
         ]
 
 
-def test_a_neem_of_the_hub_is_imported_for_a_map_and_asked(run: Run, tmp_path: Path) -> None:
-    write_knowrob_neem(tmp_path / "run.neem")
-    dump(tmp_path / "run.neem")
-    kitchen, episode = tmp_path / "kitchen.owl", tmp_path / "run.mcap"
-    save_map(kitchenette(), kitchen)
-    assert run("episode", "import", tmp_path / "run.neem", "--map", kitchen, "-o", episode).exit_code == 0
-    asked = run("ask", "occurs", "PickingUp", "--episode", episode, "--map", kitchen, "--json")
+def test_a_dump_of_knowrobs_database_is_asked_and_replayed_on_its_map(
+    run: Run, kitchen_map: Path, tmp_path: Path
+) -> None:
+    dump = tmp_path / "dump"
+    write_knowrob_neem(dump, ending=".bson")
+    result = run("episode", "import", dump, "-o", tmp_path / "run.mcap")
+    assert (result.exit_code, "--map" in result.stderr) == (2, True)
+    assert run("episode", "import", dump, "--map", kitchen_map, "-o", tmp_path / "run.mcap").exit_code == 0
+    asked = run("ask", "occurs", "--episode", tmp_path / "run.mcap", "--json")
     (row,) = json_output(asked)["answers"]
-    assert row["thing"].endswith("Mug")
-    with Episode(episode) as read:
-        assert read.frame_at(2.0).world().body(BodyId("Mug")).pose.position == pytest.approx((1.7, 0.0, 2.0))
+    assert (row["kind"].rpartition("#")[2], row["thing"].rpartition("#")[2]) == ("PickingUp", "Mug")
+    result = run("replay", dump, "--map", kitchen_map, "--at", 2, "-o", tmp_path / "at2.owl")
+    assert result.exit_code == 0
+    with KnowledgeBase() as knowledge:
+        knowledge.load(tmp_path / "at2.owl")
+        assert knowledge.world().body("Mug").pose.position == pytest.approx((1.7, 0.0, 2.0))

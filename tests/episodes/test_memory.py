@@ -9,7 +9,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import msgspec
@@ -321,3 +323,52 @@ def test_a_damaged_index_is_refused_with_what_to_do(folder: Path, damaged_from: 
     index.unlink()
     with EpisodeMemory(folder) as runs:
         assert list(runs.names()) == ["a", "day2/b"]
+
+
+def test_a_flipped_bit_of_the_index_changes_no_answer(folder: Path) -> None:
+    def answers() -> tuple[object, ...]:
+        with EpisodeMemory(folder) as runs:
+            things = [sorted(runs.history(name).individuals().items()) for name in runs.names()]
+            episodes = [
+                (each.name, each.begin_s, each.end_s, each.start_unix_s) for each in map(runs.history, runs.names())
+            ]
+            return tuple(runs.find_events(EventFilter())), things, episodes, runs.problems
+
+    expected = answers()
+    index = folder / INDEX_NAME
+    content = index.read_bytes()
+    positions = [at for at, byte in enumerate(content) if byte]
+    random = Random(35)
+    messages = set[str]()
+    for _ in range(300):
+        at, bit = random.choice(positions), random.randrange(8)
+        damaged = bytearray(content)
+        damaged[at] ^= 1 << bit
+        index.write_bytes(damaged)
+        try:
+            assert answers() == expected, f"bit {bit} of byte {at}"
+        except EpisodeFileError as error:
+            messages.add(str(error))
+    assert any("rows of episode" in each for each in messages)
+    assert all(INDEX_NAME in each and "\n" not in each for each in messages)
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "update events set end_s = begin_s + 7 where kind = 'Falling'",
+        "update events set thing = other where kind = 'Contact'",
+        "update episodes set start_unix_s = start_unix_s + 1 where name = 'a'",
+        "update things set class = iri where id = 'Mug'",
+        "delete from events where kind = 'Falling'",
+        "delete from presence where thing = (select max(thing) from presence)",
+    ],
+)
+def test_a_changed_row_of_the_index_is_refused_with_the_episode(folder: Path, sql: str) -> None:
+    with EpisodeMemory(folder):
+        pass
+    with closing(sqlite3.connect(folder / INDEX_NAME)) as database:
+        assert database.execute(sql).rowcount
+        database.commit()
+    with pytest.raises(EpisodeFileError, match=r"rows of episode '(a|day2/b)'.*remove it: it will be made again"):
+        EpisodeMemory(folder)

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
+import gzip
 import json
 import math
 import re
 import shutil
+import struct
+from collections.abc import Callable
+from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from typing import Any
 
 import bson
+import bson.json_util
 import numpy as np
 import pyoxigraph as ox
 import pytest
+from bson.datetime_ms import DatetimeMS
+from bson.decimal128 import Decimal128
+from bson.objectid import ObjectId
+from bson.regex import Regex
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -23,12 +32,12 @@ from mindstage.episodes.neem import read_neem, write_neem
 from mindstage.errors import EpisodeError, EpisodeFileError
 from mindstage.scene import Attachment, Body, BodyId, Iri, Pose, diff
 from tests.episodes.episodes import EVENTS, MUG, episodes, kitchenette_episode
-from tests.episodes.neem_files import dump, write_knowrob_neem
 from tests.kitchenette import kitchenette
 
 DUL = "http://www.ontologydesignpatterns.org/ont/dul/DUL.owl#"
 SOMA = "http://www.ease-crc.org/ont/SOMA.owl#"
 TYPE, RDFS = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type", "http://www.w3.org/2000/01/rdf-schema#"
+DOUBLE = ox.NamedNode("http://www.w3.org/2001/XMLSchema#double")
 TIME_TOLERANCE_S = 1e-6
 """The resolution of a Unix time as a double, doubled."""
 
@@ -222,8 +231,75 @@ def test_each_term_of_soma_and_dul_exists_there(shared_data: Path, tmp_path: Pat
 # -- NEEMs of others ---------------------------------------------------------------------------------------------------
 
 
-def test_a_neem_of_knowrob_is_read_for_a_known_map(tmp_path: Path) -> None:
-    write_knowrob_neem(tmp_path)
+def write_collection(folder: Path, name: str, documents: list[dict[str, Any]], ending: str) -> Path:
+    """A collection as mongoexport or mongodump writes it, by pymongo's encoders.
+
+    Args:
+        folder: the folder of the collection.
+        name: of the collection.
+        documents: as pymongo has them.
+        ending: of the file; mongodump puts it into a folder that is named like the database.
+    """
+    place = folder / "roslog" if "bson" in ending else folder
+    place.mkdir(parents=True, exist_ok=True)
+    path = place / f"{name}{ending}"
+    if "bson" in ending:
+        data = b"".join(bson.encode(each) for each in documents)
+        (place / f"{name}.metadata.json").write_text('{"options": {}, "indexes": []}')
+    else:
+        data = "\n".join(bson.json_util.dumps(each) for each in documents).encode()
+    path.write_bytes(gzip.compress(data) if ending.endswith(".gz") else data)
+    return path
+
+
+def knowrob_triples(task: str) -> list[dict[str, Any]]:
+    mug = kitchenette().body("Mug").iri
+    action, interval = DUL + "Action_QWER", DUL + "TimeInterval_ASDF"
+    triples = [
+        (SOMA + "Episode_X", TYPE, SOMA + "Episode"),
+        (SOMA + "Episode_X", DUL + "isSettingFor", action),
+        (action, TYPE, DUL + "Action"),
+        (action, DUL + "executesTask", SOMA + "Task_1"),
+        (SOMA + "Task_1", TYPE, task if "#" in task else SOMA + task),
+        (action, DUL + "hasTimeInterval", interval),
+        (interval, SOMA + "hasIntervalBegin", Decimal128("1600000001.5")),
+        (interval, SOMA + "hasIntervalEnd", 1600000002.5),
+        (action, DUL + "hasParticipant", mug),
+        (action, SOMA + "isPerformedBy", "http://knowrob.org/kb/PR2.owl#PR2_0"),
+    ]
+    return [
+        {"_id": ObjectId(), **dict(zip("spo", triple, strict=True)), "graph": "user", "scope": {"time": {"since": 0.0}}}
+        for triple in triples
+    ]
+
+
+def knowrob_transforms() -> list[dict[str, Any]]:
+    return [
+        {
+            "_id": ObjectId(),
+            "header": {"seq": 0, "stamp": datetime.fromtimestamp(at_s, UTC), "frame_id": parent},
+            "child_frame_id": child,
+            "transform": {"translation": {"x": x, "y": 0.0, "z": 1.0}, "rotation": {"x": 0, "y": 0, "z": 0, "w": 1}},
+            "__recorded": datetime.fromtimestamp(at_s, UTC),
+            "__topic": "/tf",
+        }
+        for at_s, parent, child, x in (
+            (1_600_000_001, "map", "base_link", 1.0),
+            (1_600_000_001, "base_link", "Mug", 0.5),
+            (1_600_000_003, "base_link", "Mug", 0.7),
+        )
+    ]
+
+
+def write_knowrob_neem(folder: Path, *, task: str = "PickingUp", ending: str = ".json") -> None:
+    """A NEEM as KnowRob's memory exports it: triples and transforms."""
+    write_collection(folder / "triples", "triples", knowrob_triples(task), ending)
+    write_collection(folder / "ros_tf", "tf", knowrob_transforms(), ending)
+
+
+@pytest.mark.parametrize("ending", [".json", ".bson", ".json.gz", ".bson.gz"])
+def test_a_neem_of_knowrob_is_read_for_a_known_map(tmp_path: Path, ending: str) -> None:
+    write_knowrob_neem(tmp_path, ending=ending)
     neem = read_neem(tmp_path, kitchenette())
     (event,) = neem.events()
     assert (event.kind, event.thing, event.agent) == ("PickingUp", "Mug", "PR2_0")
@@ -263,6 +339,166 @@ def test_a_task_that_is_no_kind_of_event_is_reported(tmp_path: Path) -> None:
     assert any("Action_QWER (Navigating)" in line for line in neem.findings)
 
 
+def test_a_dump_has_the_events_of_the_ontology_and_the_transforms_of_the_json_of_the_same_episode(
+    tmp_path: Path,
+) -> None:
+    write_neem(kitchenette_episode(), tmp_path / "own")
+    expected = read_neem(tmp_path / "own")
+    dump, map_owl = tmp_path / "own_dump", (tmp_path / "own" / "map.owl").read_bytes()
+    triples = [
+        {
+            "s": quad.subject.value,
+            "p": quad.predicate.value,
+            "o": float(quad.object.value) if getattr(quad.object, "datatype", None) == DOUBLE else quad.object.value,
+        }
+        for quad in graph_of(tmp_path / "own").quads
+    ]
+    is_annotation = [each["p"].startswith(RDFS) for each in triples]
+    annotations = [
+        {"s": each["s"], "p": each["p"], "v": each["o"]}
+        for each, is_one in zip(triples, is_annotation, strict=True)
+        if is_one
+    ]
+    rest = [each for each, is_one in zip(triples, is_annotation, strict=True) if not is_one]
+    lines = (tmp_path / "own" / "tf.json").read_text().splitlines()
+    transforms = [bson.json_util.loads(line) for line in lines]
+    for name, documents in {"triples": rest, "annotations": annotations}.items():
+        write_collection(dump / name, f"5f22_{name}", documents, ".bson")
+    write_collection(dump / "ros_tf", "5f22_tf", transforms, ".bson")
+    (dump / "map.owl").write_bytes(map_owl)
+    found = read_neem(dump)
+    assert annotations
+    assert len(expected.events()) == len(EVENTS)
+    assert_equal_events(found.events(), expected.events())
+    assert_equal_frames(found, expected)
+
+
+def test_a_task_of_a_class_below_one_of_soma_is_of_its_kind(tmp_path: Path) -> None:
+    own = "http://example.org/lab.owl#PickingUpFromShelf"
+    between = "http://example.org/lab.owl#ShelfTask"
+    write_knowrob_neem(tmp_path / "stated", task=own, ending=".bson")
+    path = tmp_path / "stated" / "triples" / "roslog" / "triples.bson"
+    above = "http://www.w3.org/2000/01/rdf-schema#subClassOf"
+    more = [{"s": own, "p": above, "o": between}, {"s": between, "p": above, "o": SOMA + "PickingUp"}]
+    more += [{"s": SOMA + "PickingUp", "p": above, "o": own}]  # a circle
+    path.write_bytes(path.read_bytes() + b"".join(map(bson.encode, more)))
+    triples = knowrob_triples(own)
+    next(each for each in triples if each["o"] == own)["o*"] = [SOMA + "PhysicalTask", SOMA + "PickingUp", own]
+    write_knowrob_neem(tmp_path / "stored", ending=".bson")
+    write_collection(tmp_path / "stored" / "triples", "triples", triples, ".bson")
+    for folder in ("stated", "stored"):
+        (event,) = read_neem(tmp_path / folder, kitchenette()).events()
+        assert (event.kind, event.thing) == ("PickingUp", "Mug")
+
+
+@pytest.mark.parametrize("term", ["DirectedMotion", "Motion", "Rubbing", "PhysicalTask"])
+def test_a_term_that_is_wider_than_a_kind_is_no_event_of_it(tmp_path: Path, term: str) -> None:
+    write_knowrob_neem(tmp_path, task=term, ending=".bson")
+    assert read_neem(tmp_path, kitchenette()).events() == ()
+
+
+def test_messages_of_tf_that_are_stored_whole_are_read(tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path, ending=".bson")
+    expected = read_neem(tmp_path, kitchenette())
+    write_collection(tmp_path / "ros_tf", "tf", [{"transforms": knowrob_transforms()}], ".bson")
+    assert_equal_frames(read_neem(tmp_path, kitchenette()), expected)
+
+
+def test_statements_that_hold_for_a_time_only_are_reported(tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path, ending=".bson")
+    triples = next(tmp_path.rglob("triples.bson"))
+    scope = {"time": {"since": 1600000001.0, "until": math.inf}}
+    inside = {"s": "http://x.org#Mug", "p": SOMA + "isInsideOf", "o": "http://x.org#Fridge", "scope": scope}
+    triples.write_bytes(triples.read_bytes() + bson.encode(inside))
+    findings = read_neem(tmp_path, kitchenette()).findings
+    assert [line for line in findings if "always true" in line] == [
+        "read as if always true, without its time: 1 statement of the narrative"
+    ]
+
+
+def test_dumps_of_several_episodes_in_one_folder_are_refused_by_name(tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path, ending=".bson")
+    write_collection(tmp_path / "ros_tf", "other_tf", knowrob_transforms(), ".bson")
+    with pytest.raises(EpisodeFileError, match=r"several collections tf: .*other_tf\.bson, .*roslog/tf\.bson"):
+        read_neem(tmp_path, kitchenette())
+
+
+def nested(levels: int) -> bytes:
+    """A document that is in a document, and so on."""
+    heads = [struct.pack("<i", 5 + 8 * level) + b"\x03a\x00" for level in range(levels, 0, -1)]
+    return b"".join(heads) + b"\x05\0\0\0\0" + bytes(levels)
+
+
+def changed_transform(**values: object) -> bytes:
+    return bson.encode(knowrob_transforms()[2] | values)
+
+
+@pytest.mark.parametrize(
+    ("last", "expected"),
+    [
+        (lambda: b"\x10\x00", "document 3, at byte {at}, is cut off: the file ends after 2 bytes"),
+        (lambda: changed_transform()[:-1], "document 3, at byte {at}, is cut off"),
+        (lambda: struct.pack("<i", 2**31 - 1), "document 3, at byte {at}, has a length of 2147483647 bytes"),
+        (lambda: struct.pack("<i", -5), "document 3, at byte {at}, has a length of -5 bytes"),
+        (lambda: bytes(8), "document 3, at byte {at}, has a length of 0 bytes"),
+        (lambda: changed_transform()[:-1] + b"\x07", "document 3, at byte {at}, is no BSON document"),
+        (lambda: nested(100_000), "document 3, at byte {at}, is no BSON document"),
+        (lambda: bson.encode({"a": 1}), "document 3, at byte {at} is no transform"),
+        (lambda: changed_transform(transform=[1, 2]), "is no transform"),
+        (lambda: changed_transform(header="map"), "is no transform"),
+        (lambda: changed_transform(child_frame_id=7), "is no transform.*a frame has no name"),
+        (lambda: bson.encode({"transforms": "all"}), "is no transform"),
+        *(
+            (
+                lambda stamp=stamp: changed_transform(header={"stamp": stamp, "frame_id": "map"}),
+                "document 3, at byte {at} is no transform",
+            )
+            for stamp in (math.inf, math.nan, "soon", DatetimeMS(2**62), DatetimeMS(-(2**62)), None, Regex("a"))
+        ),
+    ],
+)
+def test_a_damaged_dump_is_an_error_with_its_place(tmp_path: Path, last: Callable[[], bytes], expected: str) -> None:
+    write_knowrob_neem(tmp_path, ending=".bson")
+    path = tmp_path / "ros_tf" / "roslog" / "tf.bson"
+    good = b"".join(bson.encode(each) for each in knowrob_transforms()[:2])
+    path.write_bytes(good + last())
+    with pytest.raises(EpisodeFileError, match=expected.format(at=len(good))) as error:
+        read_neem(tmp_path, kitchenette())
+    assert str(path) in str(error.value)
+
+
+@given(at=st.integers(0, 2000), bit=st.integers(0, 7), cut=st.booleans(), name=st.sampled_from(["tf", "triples"]))
+@settings(max_examples=60)
+def test_a_dump_with_a_wrong_bit_or_end_is_read_or_refused(
+    at: int, bit: int, cut: bool, name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("dump")
+    write_knowrob_neem(folder, ending=".bson")
+    (path,) = folder.rglob(f"{name}.bson")
+    data = bytearray(path.read_bytes())
+    at %= len(data)
+    if cut:
+        del data[at:]
+    else:
+        data[at] ^= 1 << bit
+    path.write_bytes(data)
+    with suppress(EpisodeError):
+        neem = read_neem(folder, kitchenette())
+        assert len(neem.events()) <= 1
+        assert all(np.isfinite(frame.poses).all() for frame in neem.frames())
+    shutil.rmtree(folder)
+
+
+def test_damaged_gzip_data_is_an_error(tmp_path: Path) -> None:
+    write_knowrob_neem(tmp_path, ending=".bson.gz")
+    path = tmp_path / "ros_tf" / "roslog" / "tf.bson.gz"
+    data = path.read_bytes()
+    for damaged in (data[: len(data) // 2], b"BSON" + data, data[:30] + b"\xff" * 20 + data[50:]):
+        path.write_bytes(damaged)
+        with pytest.raises(EpisodeFileError, match=r"tf\.bson\.gz.*gzip data is damaged"):
+            read_neem(tmp_path, kitchenette())
+
+
 def test_a_neem_without_a_narrative_has_no_events_and_says_so(tmp_path: Path) -> None:
     write_neem(kitchenette_episode(), tmp_path)
     (tmp_path / "ontology.ttl").unlink()
@@ -291,74 +527,6 @@ def test_a_damaged_folder_is_an_error(name: str, content: str | None, expected: 
         (tmp_path / name).write_text(content)
     with pytest.raises(EpisodeFileError, match=expected):
         read_neem(tmp_path)
-
-
-@pytest.mark.parametrize("gzipped", [False, True])
-def test_a_dump_of_the_neem_hub_is_read_like_its_documents(gzipped: bool, tmp_path: Path) -> None:
-    write_knowrob_neem(tmp_path)
-    expected = read_neem(tmp_path, kitchenette())
-    dump(tmp_path, gzipped=gzipped)
-    neem = read_neem(tmp_path, kitchenette())
-    assert neem.events() == expected.events() != ()
-    assert_equal_frames(neem, expected)
-    assert neem.findings == expected.findings
-
-
-def test_annotations_are_the_comments_of_events(tmp_path: Path) -> None:
-    write_knowrob_neem(tmp_path)
-    dump(tmp_path)
-    comment = {"s": DUL + "Action_QWER", "p": RDFS + "comment", "v": "It held the mug."}
-    (tmp_path / "annotations").mkdir()
-    (tmp_path / "annotations" / "annotations.bson").write_bytes(bson.encode(comment))
-    (event,) = read_neem(tmp_path, kitchenette()).events()
-    assert event.evidence == ("It held the mug.",)
-
-
-def test_statements_that_hold_for_a_time_only_are_reported(tmp_path: Path) -> None:
-    write_knowrob_neem(tmp_path)
-    dump(tmp_path)
-    scope = {"time": {"since": 1600000001.0, "until": math.inf}}
-    inside = {"s": "http://x.org#Mug", "p": SOMA + "isInsideOf", "o": "http://x.org#Fridge", "scope": scope}
-    with (tmp_path / "triples" / "roslog" / "triples.bson").open("ab") as file:
-        file.write(bson.encode(inside))
-    findings = read_neem(tmp_path, kitchenette()).findings
-    assert any(line.startswith("1 statement of the narrative") for line in findings)
-
-
-GOOD = bson.encode({"s": "http://x.org#a", "p": RDFS + "comment", "o": "text"})
-
-
-@pytest.mark.parametrize(
-    ("data", "expected"),
-    [
-        (GOOD + GOOD[:-3], f"document 2, at byte {len(GOOD)}, is cut"),
-        (GOOD + b"\x05", f"document 2, at byte {len(GOOD)}, is cut"),
-        (b"\xff\xff\xff\x7f" + GOOD, "document 1, at byte 0, has the size 2,147,483,647"),
-        (b"\x00\x00\x00\x80" + GOOD, "document 1, at byte 0, has the size -2,147,483,648"),
-        (GOOD[:-1] + b"\x01", "document 1, at byte 0, is no BSON"),
-        (bson.encode({"s": 1, "p": 2, "o": 3}), "document 1, at byte 0 is no triple"),
-        (bson.encode({"s": "http://x.org#a"}), "document 1, at byte 0 is no triple"),
-    ],
-)
-def test_a_damaged_dump_is_an_error_that_names_the_document(data: bytes, expected: str, tmp_path: Path) -> None:
-    write_knowrob_neem(tmp_path)
-    dump(tmp_path)
-    (tmp_path / "triples" / "roslog" / "triples.bson").write_bytes(data)
-    with pytest.raises(EpisodeFileError, match=re.escape(expected)):
-        read_neem(tmp_path, kitchenette())
-
-
-@given(st.binary(max_size=200), st.integers(0, 400))
-def test_no_dump_breaks_the_reader(noise: bytes, at: int) -> None:
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        write_knowrob_neem(folder)
-        dump(folder)
-        for path in (folder / "ros_tf" / "roslog" / "tf.bson", folder / "triples" / "roslog" / "triples.bson"):
-            data = path.read_bytes()
-            path.write_bytes(data[:at] + noise + data[at + len(noise) :])
-        with contextlib.suppress(EpisodeError):
-            read_neem(folder, kitchenette())
 
 
 def test_a_file_is_no_neem(tmp_path: Path) -> None:

@@ -1,8 +1,10 @@
 """Many episodes as one memory: a folder of episode files, with an index of what happened in them.
 
 The index is an SQLite database with the events, things and classes of each file. A question about events reads nothing
-else, and one about the state at a time opens the one file that it is about. A file is indexed when the memory is opened
-and the index does not have it, or has it with another content; a file that cannot be read is listed by `problems`.
+else, and one about the state at a time opens the one file that it is about. Each episode has a digest of its rows,
+which is checked when the index is opened; an index that something else has changed is refused. A file is indexed when
+the memory is opened and the index does not have it, or has it with another content; a file that cannot be read is
+listed by `problems`.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ from mindstage.scene.display import counted
 __all__ = ["EpisodeMemory", "MemoryProblem"]
 
 INDEX_NAME = "episodes.index.sqlite"
-_VERSION = 1
+_VERSION = 2
 """The version of the tables; an index of another version is made again."""
 _LOCK_TIMEOUT_S = 30.0
 """Longest time for which another process may be writing to the index [s]."""
@@ -47,7 +49,8 @@ _MAX_VARIABLES = 500
 _SCHEMA = """
 create table episodes (
     number integer primary key, name text not null unique, size integer not null, modified_ns integer not null,
-    digest blob not null, begin_s real, end_s real, start_unix_s real, problem text
+    digest blob not null, begin_s real, end_s real, start_unix_s real, problem text,
+    rows_digest blob not null
 );
 create table events (
     episode integer not null references episodes on delete cascade, id text not null, kind text not null,
@@ -68,6 +71,12 @@ create index things_by_id on things (id);
 create index things_by_class on things (class);
 create index presence_by_thing on presence (thing);
 """
+_ROWS = (
+    "select name, begin_s, end_s, start_unix_s, problem from episodes where number = ?",
+    "select * from events where episode = ? order by rowid",
+    "select things.* from presence join things on number = thing where episode = ? order by number",
+)
+"""What `rows_digest` is made of: all rows of an episode but those that only say whether its file has changed."""
 _EVENT_COLUMNS = "id, kind, events.begin_s, events.end_s, thing, other, agent, joint, amount, evidence"
 
 
@@ -138,6 +147,7 @@ class EpisodeMemory:
                         database.execute(f'drop table "{name}"')
                     for statement in (*_SCHEMA.split(";")[:-1], f"pragma user_version = {_VERSION}"):
                         database.execute(statement)
+                _check_rows(database)
             database.execute("pragma foreign_keys = on")
         except BaseException:
             database.close()
@@ -154,12 +164,12 @@ class EpisodeMemory:
                 raise self._index_error(error) from error
             cause = f"another process has been writing to it for {_LOCK_TIMEOUT_S:g} s"
             raise EpisodeFileError(str(self.index), cause=cause, remedy="wait for it, or give another index") from error
-        except sqlite3.DatabaseError as error:
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter for names in a damaged schema
             raise self._index_error(error) from error
 
-    def _index_error(self, error: sqlite3.DatabaseError) -> EpisodeFileError:
+    def _index_error(self, error: Exception) -> EpisodeFileError:
         remedy = "remove it: it will be made again"
-        return EpisodeFileError(str(self.index), cause=f"it is no index: {error}", remedy=remedy)
+        return EpisodeFileError(str(self.index), cause=f"it is no index: {' '.join(str(error).split())}", remedy=remedy)
 
     def close(self) -> None:
         """Closes the index and the files; may be called repeatedly."""
@@ -245,14 +255,18 @@ class EpisodeMemory:
         database = self._database
         with _transaction(database):
             database.execute("delete from episodes where name = ?", (name,))
-            own = "name, size, modified_ns, digest, begin_s, end_s, start_unix_s, problem"
-            values = (name, *stamp, digest, *times, problem)
-            number = database.execute(f"insert into episodes ({own}) values (?, ?, ?, ?, ?, ?, ?, ?)", values).lastrowid
+            own = "name, size, modified_ns, digest, begin_s, end_s, start_unix_s, problem, rows_digest"
+            values = (name, *stamp, digest, *times, problem, b"")
+            columns = ", ".join("?" * len(values))
+            number = database.execute(f"insert into episodes ({own}) values ({columns})", values).lastrowid
+            assert number is not None, "a row was inserted"
             database.executemany("insert or ignore into things (iri, id, class) values (?, ?, ?)", things)
             present = "select ?, number from things where iri = ? and id = ? and class = ?"
             database.executemany(f"insert or ignore into presence {present}", [(number, *each) for each in things])
             columns = ", ".join("?" * 11)
             database.executemany(f"insert into events values ({columns})", [(number, *each) for each in events])
+            digest = _rows_digest(database, number)
+            database.execute("update episodes set rows_digest = ? where number = ?", (digest, number))
         return problem
 
     @property
@@ -419,6 +433,22 @@ def _digest(path: Path) -> bytes:
         while block := file.read(_HASH_BLOCK_BYTES):
             made.update(block)
     return made.digest()
+
+
+def _rows_digest(database: sqlite3.Connection, number: int) -> bytes:
+    """The digest of what the index says of an episode, as it is read from there."""
+    rows = [database.execute(sql, (number,)).fetchall() for sql in _ROWS]
+    return hashlib.blake2b(msgspec.msgpack.encode(rows), digest_size=16).digest()
+
+
+def _check_rows(database: sqlite3.Connection) -> None:
+    """Raises `sqlite3.DatabaseError` if a row is not as it was written, or is missing in an index of the database."""
+    (report,) = database.execute("pragma integrity_check(1)").fetchone()
+    if report != "ok":
+        raise sqlite3.DatabaseError(report)
+    for number, name, digest in database.execute("select number, name, rows_digest from episodes").fetchall():
+        if _rows_digest(database, number) != digest:
+            raise sqlite3.DatabaseError(f"the rows of episode {name!r} are not those that were written")
 
 
 @contextmanager

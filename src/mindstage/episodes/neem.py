@@ -12,9 +12,7 @@ and "NEEM-narrative"), and neem-interface.pl (`mem_episode_start`, `add_subactio
 
 from __future__ import annotations
 
-import gzip
 import math
-import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -28,6 +26,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
+from mindstage.episodes.mongo_collections import find_collection, read_collection
 from mindstage.episodes.recording import EpisodeEvent, EpisodeEventKind, Recording
 from mindstage.episodes.transform_recording import TransformLog, TransformRecording, listed
 from mindstage.errors import EpisodeFileError, KnowledgeError, MapWriteError, without_surrogates
@@ -45,6 +44,7 @@ from mindstage.rdf.vocabulary import (
     ONTOLOGY,
     RDFS,
     SOMA,
+    SUBCLASS_OF,
     TYPE,
     dul,
     ms,
@@ -62,10 +62,15 @@ _NS = 1e-9
 _ROOT, _CLOCK = "map", "world"
 _COMMENT = Iri(RDFS + "comment")
 _ACTION = dul("Action")
+_WITHOUT_OWN_TERM = {
+    EpisodeEventKind.PERFORM,
+    EpisodeEventKind.FALL,
+    EpisodeEventKind.TIP_OVER,
+    EpisodeEventKind.SLIDE,
+}
+"""Kinds whose terms in SOMA are wider: a task of any kind, as that of a whole NEEM is, and motions of any kind."""
 _KIND_OF_CONCEPT = {
-    pattern.concept: EpisodeEventKind(kind)
-    for kind, pattern in EVENT_PATTERNS.items()
-    if kind != EpisodeEventKind.PERFORM  # a task of any kind, as that of a whole NEEM is
+    pattern.concept: EpisodeEventKind(kind) for kind, pattern in EVENT_PATTERNS.items() if kind not in _WITHOUT_OWN_TERM
 } | {
     soma("ContainmentState"): EpisodeEventKind.CONTAINMENT,
     soma("Holding"): EpisodeEventKind.GRASP,
@@ -307,15 +312,12 @@ class _Narrative:
 
 # -- reading -----------------------------------------------------------------------------------------------------------
 
-_NARRATIVES = ("ontology.ttl", "ontology.owl", "triples.json", "triples/triples.json", "roslog/triples.json")
-_EXPERIENCES = ("tf.json", "ros_tf/tf.json", "roslog/tf.json")
-_ANNOTATIONS = ("annotations.json", "annotations/annotations.json")
+_NARRATIVES = ("ontology.ttl", "ontology.owl")
+_TRIPLES = ("triples", "inferred", "annotations")
+"""KnowRob's collections of statements."""
+_MAX_STAMP_NS = 7_258_118_400_000_000_000
+"""Of a transform: the begin of 2200; nanoseconds since 1970 fit in 64 bits until 2262."""
 _MAPS = ("map.owl", "map.ttl")
-_DUMPS = (".bson", ".bson.gz")
-"""What `mongodump` writes for a collection, in a folder of the database; the second with `--gzip`."""
-_MAX_DOCUMENT_BYTES = 16 * 1024**2
-"""MongoDB's limit of the size of a document."""
-_UNTIL_EVER = (None, math.inf)
 
 
 def read_neem(
@@ -328,9 +330,9 @@ def read_neem(
 ) -> Neem:
     """Reads a NEEM that `write_neem` or KnowRob wrote.
 
-    The narrative is `ontology.ttl`, `ontology.owl` or the collection `triples`, with the comments in `annotations`; the
-    experience is the collection `tf`. A collection is a file with one JSON document a line, here or in the folders
-    where KnowRob has it, or a dump of `mongodump` in any folder, such as `triples/roslog/triples.bson` of the NEEM hub.
+    The narrative is `ontology.ttl` or `ontology.owl`, or else the collections `triples`, `inferred` and `annotations`,
+    the experience the collection `tf`. Collections are files `.bson` of mongodump or `.json` of mongoexport, also with
+    gzip, here or up to two folders below, such as `ros_tf/roslog/tf.bson` in KnowRob's dumps.
 
     Args:
         path: the folder.
@@ -347,21 +349,19 @@ def read_neem(
     if not folder.is_dir():
         raise EpisodeFileError(str(folder), cause="it is no folder", remedy="a NEEM is a folder with tf.json")
     world = world or _read_map(folder)
-    experience = _find(folder, _EXPERIENCES)
-    if not experience:
-        remedy = f"the experience is {' or '.join(_EXPERIENCES)}, or tf.bson in any folder"
+    experience = find_collection(folder, "tf")
+    if experience is None:
+        remedy = "the experience is a collection tf: tf.json, tf.bson, or ros_tf/roslog/tf.bson"
         raise EpisodeFileError(str(folder), cause="it has no experience", remedy=remedy)
     log = _read_transforms(experience)
     events: tuple[EpisodeEvent, ...] = ()
-    if narratives := _find(folder, _NARRATIVES):
-        narrative = _read_graph([*narratives, *_find(folder, _ANNOTATIONS)], log.findings)
-        reader = _EventReader(narrative, world, _first_stamp_ns(log) * _NS)
+    if paths := _narrative(folder):
+        reader = _EventReader(_read_graph(paths, log.findings), world, _first_stamp_ns(log) * _NS)
         events = reader.events()
         log.findings += reader.findings
     else:
-        log.findings.append(
-            f"the folder has no narrative ({', '.join(_NARRATIVES[:3])} or triples.bson), so there are no events"
-        )
+        names = ", ".join((*_NARRATIVES, *(f"a collection {name}" for name in _TRIPLES[:1])))
+        log.findings.append(f"the folder has no narrative ({names}), so there are no events")
     return Neem(
         log,
         world,
@@ -374,23 +374,23 @@ def read_neem(
     )
 
 
-def _find(folder: Path, names: Sequence[str]) -> list[Path]:
-    """The first of some files that is there, or else all dumps of the collection; empty if there is none."""
-    for name in names:
-        if (folder / name).is_file():
-            return [folder / name]
-    collection = Path(names[-1]).stem
-    return sorted(path for ending in _DUMPS for path in folder.rglob(collection + ending) if path.is_file())
+def _narrative(folder: Path) -> list[Path]:
+    """The files of the narrative: an ontology, or else KnowRob's collections, of which the triples are needed."""
+    ontology = next((folder / name for name in _NARRATIVES if (folder / name).is_file()), None)
+    if ontology is not None:
+        return [ontology]
+    found = [find_collection(folder, name) for name in _TRIPLES]
+    return [path for path in found if path is not None] if found[0] is not None else []
 
 
 def _read_map(folder: Path) -> World:
+    path = next((folder / name for name in _MAPS if (folder / name).is_file()), None)
+    if path is None:
+        remedy = f"give the one that was recorded, or put it there as {' or '.join(_MAPS)}"
+        raise EpisodeFileError(str(folder), cause="it has no map", remedy=remedy)
     knowledge = KnowledgeBase()
     try:
-        maps = _find(folder, _MAPS)
-        if not maps:
-            remedy = f"give it, or write it as {' or '.join(_MAPS)}"
-            raise EpisodeFileError(str(folder), cause="it has no map", remedy=remedy)
-        knowledge.load(maps)
+        knowledge.load(path)
         return knowledge.world()
     except KnowledgeError as error:
         raise EpisodeFileError(str(folder), cause=f"its map cannot be read: {error}") from error
@@ -398,86 +398,38 @@ def _read_map(folder: Path) -> World:
         knowledge.close()
 
 
-def _documents_of(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The documents of a collection, each with its place in the file."""
-    try:
-        yield from _dumped(path) if path.name.endswith(_DUMPS) else _lines(path)
-    except (OSError, EOFError, zlib.error) as error:  # also of gzip
-        raise EpisodeFileError(str(path), cause=getattr(error, "strerror", None) or str(error)) from error
-
-
-def _lines(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    for number, line in enumerate(path.read_bytes().splitlines(), start=1):
-        if line.strip():
+def _read_transforms(path: Path) -> TransformLog:
+    log = TransformLog()
+    for place, entry in read_collection(path):
+        # KnowRob's `mongodb_log` stored each message of /tf as one document.
+        documents = entry.get("transforms", [entry])
+        if not isinstance(documents, list):
+            documents = [documents]
+        for document in documents:
             try:
-                yield f"line {number}", msgspec.json.decode(line, type=dict[str, Any])
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                header, transform = document["header"], document["transform"]
+                at, turn = transform["translation"], transform["rotation"]
+                pose = [float(each) for each in (at["x"], at["y"], at["z"], turn["w"], turn["x"], turn["y"], turn["z"])]
+                stamp_ns = int(header["stamp_ns"]) if "stamp_ns" in header else _stamp_ns(header["stamp"])
+                child, parent = document["child_frame_id"], header["frame_id"]
+                if not (isinstance(child, str) and isinstance(parent, str)):
+                    raise TypeError("a frame has no name")
+                if not 0 <= stamp_ns <= _MAX_STAMP_NS:
+                    raise ValueError(f"the stamp {stamp_ns * _NS:g} s is not after 1970 and before 2200")
+            except (KeyError, TypeError, ValueError, OverflowError) as error:
                 raise EpisodeFileError(
                     str(path),
-                    cause=f"line {number} is no JSON document: {error}",
-                    remedy="export it one document a line",
+                    cause=f"{place} is no transform: {error!r}",
+                    remedy="it needs header.stamp, header.frame_id, child_frame_id and transform",
                 ) from error
-
-
-def _dumped(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    """The documents of a dump, which are BSON one after another, each beginning with its size."""
-    try:
-        from bson import decode
-        from bson.codec_options import CodecOptions
-        from bson.errors import BSONError
-    except ImportError as error:
-        remedy = "pip install 'mindstage[episodes]'"
-        raise EpisodeFileError(str(path), cause="pymongo is not installed", remedy=remedy) from error
-    options: CodecOptions[dict[str, Any]] = CodecOptions(document_class=dict, tz_aware=True)
-    number, at = 0, 0
-    with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-        while head := file.read(4):
-            number += 1
-            size = int.from_bytes(head, "little", signed=True)
-            is_size = len(head) == 4 and 5 <= size <= _MAX_DOCUMENT_BYTES
-            body = file.read(size - 4) if is_size else b""
-            place = f"document {number}, at byte {at:,}"
-            if not is_size or len(body) < size - 4:
-                cause = f"{place}, is cut" if is_size or len(head) < 4 else f"{place}, has the size {size:,}"
-                raise EpisodeFileError(str(path), cause=cause, remedy="dump the collection again with mongodump")
-            try:
-                yield place, decode(head + body, options)
-            except (BSONError, RecursionError, ValueError, OverflowError) as error:
-                cause = f"{place}, is no BSON: {error}"
-                raise EpisodeFileError(str(path), cause=cause) from error
-            at += size
-
-
-def _read_transforms(paths: Iterable[Path]) -> TransformLog:
-    log = TransformLog()
-    for path in paths:
-        _add_transforms(log, path)
-    return log
-
-
-def _add_transforms(log: TransformLog, path: Path) -> None:
-    for place, document in _documents_of(path):
-        try:
-            header, transform = document["header"], document["transform"]
-            at, turn = transform["translation"], transform["rotation"]
-            pose = [float(each) for each in (at["x"], at["y"], at["z"], turn["w"], turn["x"], turn["y"], turn["z"])]
-            stamp_ns = int(header["stamp_ns"]) if "stamp_ns" in header else _stamp_ns(header["stamp"])
-            child, parent = str(document["child_frame_id"]), str(header["frame_id"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise EpisodeFileError(
-                str(path),
-                cause=f"{place} is no transform: {error!r}",
-                remedy="it needs header.stamp, header.frame_id, child_frame_id and transform",
-            ) from error
-        log.add_transform(child, parent, pose, stamp_ns=stamp_ns, logged_ns=stamp_ns)
+            log.add_transform(child, parent, pose, stamp_ns=stamp_ns, logged_ns=stamp_ns)
     if not log:
         raise EpisodeFileError(str(path), cause="it has no transform")
+    return log
 
 
 def _stamp_ns(stamp: Any) -> int:
     """A time as MongoDB's tools and KnowRob write it: a date, milliseconds, seconds and nanoseconds, or seconds."""
-    if isinstance(stamp, datetime):
-        return round(stamp.timestamp() * 1000) * 1_000_000
     if isinstance(stamp, Mapping) and "$date" in stamp:
         date = stamp["$date"]
         if isinstance(date, str):
@@ -494,47 +446,53 @@ def _first_stamp_ns(log: TransformLog) -> int:
     return min(stamp for samples in log.moving.values() for stamp in samples.stamps)
 
 
-def _read_graph(paths: Iterable[Path], findings: list[str]) -> Graph:
-    graph: dict[Iri, list[PropertyAssertion]] = {}
+def _read_graph(paths: Sequence[Path], findings: list[str]) -> Graph:
+    """The statements of a file of RDF, or of KnowRob's collections of triples and annotations.
+
+    KnowRob stores with a triple the properties and classes that are above its own (`p*`, `o*`); these are read, too.
+    """
+    graph: dict[Iri, dict[PropertyAssertion, None]] = {}
     limited = 0
     for path in paths:
-        if path.suffix not in {".json", ".bson", ".gz"}:
+        if path.suffix in {".ttl", ".owl"}:
             try:
-                read = read_statements(path)
+                return read_statements(path)
             except KnowledgeError as error:
                 raise EpisodeFileError(str(path), cause=f"it cannot be read: {error}") from error
-            for each, facts in read.items():
-                graph.setdefault(each, []).extend(facts)
-            continue
-        for place, document in _documents_of(path):
+        for place, document in read_collection(path):
             subject, property = document.get("s"), document.get("p")
-            value = document.get("o", document.get("v"))  # annotations have v
-            if not isinstance(subject, str) or not isinstance(property, str) or value is None:
-                raise EpisodeFileError(str(path), cause=f"{place} is no triple", remedy="it needs s, p and o")
-            graph.setdefault(Iri(subject), []).append(PropertyAssertion(Iri(property), _json_value(value)))
+            if not isinstance(subject, str) or not isinstance(property, str) or not {"o", "v"} & set(document):
+                raise EpisodeFileError(str(path), cause=f"{place} is no triple", remedy="it needs s, p, and o or v")
+            value = document["o"] if "o" in document else document["v"]
+            values = [value, *_texts(document, "o*")] if property == TYPE else [value]
             limited += _is_limited(document.get("scope"))
+            facts = graph.setdefault(Iri(subject), {})
+            for each in dict.fromkeys((property, *_texts(document, "p*"))):
+                facts |= dict.fromkeys(PropertyAssertion(Iri(each), _json_value(one)) for one in values)
     if limited:
-        findings.append(f"{counted(limited, 'statement')} of the narrative hold for a time only, which is not read")
-    return graph
+        findings.append(f"read as if always true, without its time: {counted(limited, 'statement')} of the narrative")
+    return {subject: list(facts) for subject, facts in graph.items()}
 
 
 def _is_limited(scope: Any) -> bool:
-    """Whether the scope of a triple in KnowRob's store is a part of all time."""
+    """Whether the scope of a triple in KnowRob's store is only a part of all time."""
     time = scope.get("time") if isinstance(scope, Mapping) else None
     if not isinstance(time, Mapping):
         return False
-    begin, end = time.get("since"), time.get("until")
-    return begin not in {None, 0} or end not in _UNTIL_EVER
+    return time.get("since") not in {None, 0} or time.get("until") not in {None, math.inf, "Infinity"}
+
+
+def _texts(document: Mapping[str, Any], key: str) -> list[str]:
+    values = document.get(key)
+    return [each for each in values if isinstance(each, str)] if isinstance(values, list) else []
 
 
 def _json_value(value: Any) -> FactValue:
     """A value of a triple in KnowRob's store: an IRI, other text, or a number in one of Mongo's notations."""
     if isinstance(value, Mapping) and len(value) == 1:
         (value,) = value.values()
-    if isinstance(value, str) and "://" in value:
+    if isinstance(value, str) and "://" in value and not any(map(str.isspace, value)):
         return IriRef(Iri(value))
-    if isinstance(value, bool):
-        return Literal(str(value).lower(), xsd("boolean"))
     return Literal(str(value).replace("Infinity", "INF"))
 
 
@@ -568,12 +526,15 @@ class _EventReader:
     def events(self) -> tuple[EpisodeEvent, ...]:
         """The events that have a kind and a body, in the order of their begin."""
         found = []
-        constituents = {
-            value.iri
-            for facts in self._graph.values()
-            for value in self._values(facts, dul("hasConstituent"))
-            if isinstance(value, IriRef)
-        }
+        constituents, settings = (
+            {
+                value.iri
+                for facts in self._graph.values()
+                for value in self._values(facts, dul(property))
+                if isinstance(value, IriRef)
+            }
+            for property in ("hasConstituent", "isSettingFor")
+        )
         for subject, facts in self._graph.items():
             intervals = [
                 value.iri for value in self._values(facts, dul("hasTimeInterval")) if isinstance(value, IriRef)
@@ -582,11 +543,12 @@ class _EventReader:
             if not intervals:
                 continue
             if kind is None:
-                if subject in constituents or not self._is_episode_action(subject):
+                if subject in constituents or subject not in settings:
                     classes = [
-                        local_name(cls) for concept in self._concepts.get(subject, ()) for cls in self._types(concept)
+                        next(cls for cls in [*self._types(concept), None] if cls != NAMED_INDIVIDUAL)
+                        for concept in self._concepts.get(subject, ())
                     ]
-                    names = ", ".join(name for name in classes if name != "NamedIndividual") or "no concept"
+                    names = ", ".join(local_name(cls) for cls in classes if cls) or "no concept"
                     self.findings.append(f"{local_name(subject)} ({names}) is no kind of event here; it is left out")
                 continue
             event = self._event(subject, facts, kind, intervals[0])
@@ -674,13 +636,13 @@ class _EventReader:
         if known := labels & {_THING, _OTHER, _JOINT, _AGENT}:
             yield from sorted(known)
             return
-        classes = set(self._types(role))
+        classes = set(self._classes(role))
         if soma("AgentRole") in classes:
             yield _AGENT
-        elif soma("Patient") in classes:
-            yield _THING
         elif classes & {soma("Supporter"), soma("Container"), soma("Location"), soma("Destination"), soma("Origin")}:
             yield _OTHER
+        elif soma("Patient") in classes:
+            yield _THING
 
     def _name(self, iri: Iri) -> str:
         if iri in self._entities:
@@ -689,12 +651,25 @@ class _EventReader:
         return labels[0] if labels else unquote(local_name(iri))
 
     def _kind(self, subject: Iri) -> EpisodeEventKind | None:
+        """The kind by the class of the event itself, or by that of its task or type, or by a class above that."""
         own = [_KIND_OF_CLASS[cls] for cls in self._types(subject) if cls in _KIND_OF_CLASS]
-        concepts = [cls for concept in self._concepts.get(subject, ()) for cls in self._types(concept)]
+        concepts = [cls for concept in self._concepts.get(subject, ()) for cls in self._classes(concept)]
         return next(iter([*own, *(_KIND_OF_CONCEPT[cls] for cls in concepts if cls in _KIND_OF_CONCEPT)]), None)
 
-    def _is_episode_action(self, subject: Iri) -> bool:
-        return any(IriRef(subject) in self._values(facts, dul("isSettingFor")) for facts in self._graph.values())
+    def _classes(self, subject: Iri) -> list[Iri]:
+        """The classes of an individual, then those above them as far as the narrative states them, nearest first."""
+        found = dict.fromkeys(self._types(subject))
+        nearest = list(found)
+        while nearest:
+            above = [
+                value.iri
+                for cls in nearest
+                for value in self._values(self._graph.get(cls, ()), SUBCLASS_OF)
+                if isinstance(value, IriRef)
+            ]
+            nearest = [cls for cls in dict.fromkeys(above) if cls not in found]
+            found |= dict.fromkeys(nearest)
+        return list(found)
 
     def _types(self, subject: Iri) -> list[Iri]:
         return [value.iri for value in self._values(self._graph.get(subject, ()), TYPE) if isinstance(value, IriRef)]
