@@ -21,12 +21,15 @@ import socket
 import struct
 import sys
 import threading
+import time
 from array import array
+from collections import deque
 
 import numpy as np
 
 try:
     import rclpy
+    from rclpy.impl.implementation_singleton import rclpy_implementation as rclpy_core
     from rclpy.action import ActionServer, CancelResponse, GoalResponse
     from rclpy.node import Node
     from rclpy.parameter import Parameter
@@ -42,6 +45,10 @@ SERVICE_DEPTH = 1000
 """Requests that wait in the middleware; with rmw's default of 10, those of many clients at once are lost."""
 STATE = struct.Struct("<QQQ")
 """Begin of the shared memory: a sequence number, which is odd during a write, the generation of ids, and the count."""
+TURN = 64
+"""Requests of one service, or messages of one topic, that are handled before others."""
+FLUSH_S = 0.2
+"""Time for the middleware to send the last answers [s]."""
 ANSWER_TIME_S = 2.0
 """Longest time for which setting a parameter waits for the simulation [s]."""
 
@@ -204,6 +211,16 @@ class SharedPoses:
 # -- the node ----------------------------------------------------------------------------------------------------------
 
 
+def run(coroutine):
+    """Runs a coroutine of rclpy that never waits, since all callbacks are plain functions."""
+    try:
+        coroutine.send(None)
+    except StopIteration:
+        return
+    coroutine.close()
+    raise RuntimeError("a callback waits")
+
+
 class _Deferred:
     """The answer of a service that the simulation sends later."""
 
@@ -219,15 +236,12 @@ class _Service:
         self._process = process
         self._type = interface_class(type_name, "srv")
         self._pending = {}
-        self._lock = threading.Lock()
         # The response of a read is filled in here; all others are sent by `answer`.
-        self._reads_pose = type_name.split("/")[0::2] == ["world_control_msgs", "GetModelPose"] or type_name in (
-            "world_control_msgs/GetModelPose",
-        )
+        self._reads_pose = (type_name.split("/")[0], type_name.split("/")[-1]) == ("world_control_msgs", "GetModelPose")
         qos = QoSProfile(depth=SERVICE_DEPTH, history=HistoryPolicy.KEEP_LAST, reliability=ReliabilityPolicy.RELIABLE)
         self.entity = process.node.create_service(self._type, name, self._on_request, qos_profile=qos)
         self._send = self.entity.send_response
-        self.entity.send_response = self._respond  # executors call it with what the callback returns
+        self.entity.send_response = self._respond
 
     def _on_request(self, request, response):
         if self._reads_pose and (row := self._process.poses.row(request.id)) is not None:
@@ -244,15 +258,13 @@ class _Service:
             self._send(response, header)
             return
         id = self._process.next_id()
-        with self._lock:
-            self._pending[id] = header
+        self._pending[id] = header
         payload = json.dumps(to_values(response.request)).encode()
         self._process.link.send({"op": "call_service", "id": id, "service": self.name}, payload)
 
     def answer(self, id, payload):
         """Sends the response of the simulation, whose values are an object unless the call failed."""
-        with self._lock:
-            header = self._pending.pop(id, None)
+        header = self._pending.pop(id, None)
         if header is not None:
             values = json.loads(payload or b"{}")
             if not isinstance(values, dict):
@@ -262,8 +274,7 @@ class _Service:
 
     def fail_all(self, reason):
         """Answers all calls that wait, since no answer will come."""
-        with self._lock:
-            waiting, self._pending = self._pending, {}
+        waiting, self._pending = self._pending, {}
         for header in waiting.values():
             self._send(to_message(self._type.Response, _failure(self._type.Response, reason)), header)
 
@@ -300,7 +311,7 @@ class _Action:
     def _on_accepted(self, goal):
         id = bytes(goal.goal_id.uuid).hex()
         self._goals[id] = goal
-        goal._update_state(rclpy.impl.implementation_singleton.rclpy_implementation.GoalEvent.EXECUTE)
+        goal._update_state(rclpy_core.GoalEvent.EXECUTE)
         header = {"op": "send_action_goal", "id": id, "action": self.name, "action_type": self._type_name}
         self._process.link.send(header | {"feedback": True}, json.dumps(to_values(goal.request)).encode())
 
@@ -336,7 +347,7 @@ class _Action:
                 goal_handle.abort()
             return to_message(self._type.Result, values)
 
-        self.entity.notify_execute(goal, finish)
+        run(self.entity._execute_goal(finish, goal))
 
     def fail_all(self, reason):
         """Aborts all goals, since no result will come."""
@@ -404,8 +415,8 @@ class NodeProcess:
         self._answers = {}
         self._different = set()
         self._updating = False
-        self._executor = None
-        self._ended = threading.Event()
+        self._operations = deque()
+        self._guard = None
         self._handlers = {name[4:]: getattr(self, name) for name in dir(self) if name.startswith("_op_")}
 
     def next_id(self):
@@ -421,49 +432,125 @@ class NodeProcess:
             setup["name"], namespace=setup["namespace"], automatically_declare_parameters_from_overrides=False
         )
         self.node.add_on_set_parameters_callback(self._on_set_parameters)
-        self.node.create_timer(self.POLL_S, self._poll)
-        self._executor = _executor()
-        self._executor.add_node(self.node)
+        self._guard = rclpy_core.GuardCondition(self.node.context.handle)
+        self.node.context.on_shutdown(self._guard.trigger_guard_condition)
         reader = threading.Thread(target=self._read, args=(frames,), name="link-reader", daemon=True)
         reader.start()
         self.link.send(
             {
                 "op": "ready",
                 "node": self.node.get_fully_qualified_name(),
-                "executor": type(self._executor).__name__,
                 "domain": self.node.context.get_domain_id(),
             }
         )
         try:
-            self._executor.spin()
-        except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
-            pass
+            self._spin()
         finally:
-            self._ended.set()
             rclpy.try_shutdown()
 
     def _read(self, frames):
+        """Queues the operations of the simulation for the thread of the node; on a thread of its own."""
         for header, payload in frames:
-            handler = self._handlers.get(header["op"])
-            try:
-                if handler is not None:
-                    handler(header, payload)
-            except Exception as error:  # one name or message must not end the node
-                self._refuse(header, error)
-            if header["op"] == "close":
-                break
+            if header["op"] == "parameter_set":  # the node's thread waits for it
+                if (answer := self._answers.get(header["id"])) is not None:
+                    answer.put(header["reason"])
+                continue
+            self._operations.append((header, payload))
+            self._guard.trigger_guard_condition()
+        self._operations.append(({"op": "close"}, b""))
+        self._guard.trigger_guard_condition()
+
+    def _spin(self):
+        """Handles operations, calls, messages and goals, until the simulation has ended.
+
+        rclpy's executors visit every entity in Python for each event, which costs milliseconds with hundreds of services;
+        the executor that does not is new, and blocks when another thread creates an entity.
+        """
+        wait_set, sizes, next_poll_s = None, None, 0.0
+        while rclpy.ok():
+            while self._operations:
+                header, payload = self._operations.popleft()
+                if header["op"] == "close":
+                    self._fail_all("the simulation has ended")
+                    return
+                self._handle(header, payload)
+            node = self.node
+            services, subscriptions, waitables = list(node.services), list(node.subscriptions), list(node.waitables)
+            counts = [len(subscriptions), 1, 0, 0, len(services), 0]
+            for waitable in waitables:
+                each = waitable.get_num_entities()
+                counts = [
+                    counts[0] + each.num_subscriptions,
+                    counts[1] + each.num_guard_conditions,
+                    counts[2] + each.num_timers,
+                    counts[3] + each.num_clients,
+                    counts[4] + each.num_services,
+                    counts[5] + each.num_events,
+                ]
+            if counts != sizes:
+                wait_set, sizes = rclpy_core.WaitSet(*counts, node.context.handle), counts
+            wait_set.clear_entities()
+            for each in subscriptions:
+                wait_set.add_subscription(each.handle)
+            for each in services:
+                wait_set.add_service(each.handle)
+            wait_set.add_guard_condition(self._guard)
+            for each in waitables:
+                each.add_to_wait_set(wait_set)
+            now_s = time.monotonic()
+            if now_s >= next_poll_s:
+                next_poll_s = now_s + self.POLL_S
+                for publication in list(self._publications.values()):
+                    publication.update()
+            if not self._operations:
+                wait_set.wait(int(max(0.0, next_poll_s - time.monotonic()) * 1e9))
+                self._run_ready(wait_set, services, subscriptions, waitables)
+
+    def _run_ready(self, wait_set, services, subscriptions, waitables):
+        ready_services = wait_set.get_ready_entities("service")
+        ready_subscriptions = wait_set.get_ready_entities("subscription")
+        for waitable in [each for each in waitables if each.is_ready(wait_set)]:
+            self._guarded(waitable, lambda each=waitable: run(each.execute(each.take_data())))
+        for service in services if ready_services else ():
+            if service.handle.pointer in ready_services:
+                self._guarded(service, lambda each=service: self._take_requests(each))
+        for subscription in subscriptions if ready_subscriptions else ():
+            if subscription.handle.pointer in ready_subscriptions:
+                self._guarded(subscription, lambda each=subscription: self._take_messages(each))
+
+    def _guarded(self, entity, function):
+        try:
+            function()
+        except Exception as error:  # one request must not end the node
+            name = getattr(entity, "srv_name", getattr(entity, "topic_name", type(entity).__name__))
+            self.node.get_logger().error(f"{name}: {type(error).__name__}: {error}")
+
+    def _take_requests(self, service):
+        for _ in range(TURN):
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+            if header is None:
+                return
+            service.send_response(service.callback(request, service.srv_type.Response()), header)
+
+    def _take_messages(self, subscription):
+        for _ in range(TURN):
+            found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if found is None:
+                return
+            subscription.callback(found[0])
+
+    def _fail_all(self, reason):
         for each in (*self._services.values(), *self._actions.values()):
-            try:
-                each.fail_all("the simulation has ended")
-            except Exception as error:
-                print(f"{each.name}: {error}", file=sys.stderr)
-        # Goals end in the executor, and responses leave in the threads of the middleware.
-        self._ended.wait(0.5)
-        if rclpy.ok():
-            self._executor.shutdown(timeout_sec=1.0)
-            rclpy.try_shutdown()
-        self._ended.wait(3.0)
-        os._exit(0)
+            self._guarded(each, lambda each=each: each.fail_all(reason))
+        time.sleep(FLUSH_S)
+
+    def _handle(self, header, payload):
+        handler = self._handlers.get(header["op"])
+        try:
+            if handler is not None:
+                handler(header, payload)
+        except Exception as error:  # one name or message must not end the node
+            self._refuse(header, error)
 
     def _refuse(self, header, error):
         name = header.get("service") or header.get("action") or header.get("topic") or header.get("name", "")
@@ -494,7 +581,7 @@ class NodeProcess:
         service = self._services.pop(header["service"], None)
         if service is not None:
             service.fail_all("the service was withdrawn")
-            self._executor.create_task(self.node.destroy_service, service.entity)
+            self.node.destroy_service(service.entity)
 
     def _op_advertise_action(self, header, _):
         if header["action"] not in self._actions:
@@ -504,7 +591,7 @@ class NodeProcess:
         action = self._actions.pop(header["action"], None)
         if action is not None:
             action.fail_all("the action was withdrawn")
-            self._executor.create_task(action.entity.destroy)
+            action.entity.destroy()
 
     def _op_advertise(self, header, _):
         known = self._publications.get(header["topic"])
@@ -514,7 +601,7 @@ class NodeProcess:
     def _op_unadvertise(self, header, _):
         publication = self._publications.pop(header["topic"], None)
         if publication is not None:
-            self._executor.create_task(self.node.destroy_publisher, publication.entity)
+            self.node.destroy_publisher(publication.entity)
 
     def _op_subscribe(self, header, _):
         topic = header["topic"]
@@ -530,7 +617,7 @@ class NodeProcess:
     def _op_unsubscribe(self, header, _):
         subscription = self._subscriptions.pop(header["topic"], None)
         if subscription is not None:
-            self._executor.create_task(self.node.destroy_subscription, subscription)
+            self.node.destroy_subscription(subscription)
 
     def _op_publish(self, header, payload):
         publication = self._publications.get(header["topic"])
@@ -557,7 +644,7 @@ class NodeProcess:
 
     def _op_parameter(self, header, _):
         name, value = header["name"], header["value"]
-        self._updating = True  # on this thread only, which is the one that sets
+        self._updating = True
         try:
             if name in self._parameters:
                 self.node.set_parameters([Parameter(name, value=value)])
@@ -571,19 +658,8 @@ class NodeProcess:
         finally:
             self._updating = False
 
-    def _op_parameter_set(self, header, _):
-        answer = self._answers.get(header["id"])
-        if answer is not None:
-            answer.put(header["reason"])
-
-    # -- the executor's thread -----------------------------------------------------------------------------------------
-
-    def _poll(self):
-        for publication in list(self._publications.values()):
-            publication.update()
-
     def _on_set_parameters(self, parameters):
-        if threading.current_thread().name == "link-reader":
+        if self._updating:
             return SetParametersResult(successful=True)
         for each in parameters:
             if each.name not in self._parameters:
@@ -600,15 +676,6 @@ class NodeProcess:
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
-
-
-def _executor():
-    """The executor whose time does not grow with the number of services, where the distribution has it."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return rclpy.executors.SingleThreadedExecutor()
-    return EventsExecutor()
 
 
 def main():
