@@ -40,6 +40,7 @@ __all__ = [
     "is_ros1_only",
     "message_type",
     "message_types",
+    "packages",
     "packages_in",
     "service_type",
     "service_types",
@@ -190,6 +191,11 @@ def definition_text(cls: Any, *, ros: RosVersion = RosVersion.TWO) -> str:
 def interface_text(cls: Any, *, ros: RosVersion = RosVersion.TWO) -> str:
     """Returns one message as a `.msg` file; in ROS 2, field names are in lower case, as rosidl requires."""
     return _text(cls, ros) if ros is RosVersion.ONE else _text(cls, ros, lower=True)
+
+
+def packages() -> tuple[str, ...]:
+    """Returns the names of all packages."""
+    return tuple(sorted(_generated.__all__))
 
 
 def packages_in(cls: Any, *, ros: RosVersion = RosVersion.TWO) -> frozenset[str]:

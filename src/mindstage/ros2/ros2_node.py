@@ -11,7 +11,6 @@ import asyncio
 import logging
 import mmap
 import os
-import re
 import socket
 import struct
 import subprocess
@@ -21,7 +20,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
-from enum import StrEnum
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -30,6 +28,7 @@ import msgspec
 import numpy as np
 
 from mindstage.access.limits import CLOSE_TIME, Timeout
+from mindstage.access.ports import Discovery
 from mindstage.bridge import LocalNode, Refusal
 from mindstage.bridge.broker import PLAIN_FORMAT, Peer, ReplyFormat
 from mindstage.bridge.protocol import (
@@ -56,14 +55,14 @@ from mindstage.bridge.protocol import (
     content,
 )
 from mindstage.engines import PoseArray
-from mindstage.errors import BridgeError, InvalidArgumentError, MindstageError, Ros2Error
+from mindstage.errors import BridgeError, MindstageError, Ros2Error
 from mindstage.msgs import message_type
 from mindstage.msgs.message_registry import field_layout, is_ros1_only
-from mindstage.ranges import checked
+from mindstage.ranges import DomainId, checked
 from mindstage.ros2.environment import Ros2Environment, find_environment
 from mindstage.ros2.message_packages import build_message_packages
 
-__all__ = ["Discovery", "Ros2Node", "Ros2Parameter", "SharedPoses"]
+__all__ = ["Ros2Node", "Ros2Parameter", "SharedPoses"]
 
 _FRAME = struct.Struct("<II")
 _STATE = struct.Struct("<QQQ")
@@ -74,19 +73,7 @@ _START_TIME_S = 60.0
 _ROW_BYTES = 56
 _MEMORY_BYTES = 4 << 20
 """Size of the shared memory; bodies beyond it are read over the link [B]."""
-_ROOT_TOPICS = re.compile(r"/tf(_static)?$")
-_DOMAINS = range(233)
-"""Domains whose ports are valid (RTPS 2.5, 9.6.2)."""
 _log = logging.getLogger("mindstage.ros2")
-
-
-class Discovery(StrEnum):
-    """How far participants of DDS find each other; ROS_AUTOMATIC_DISCOVERY_RANGE."""
-
-    LOCALHOST = "localhost"
-    SUBNET = "subnet"
-    SYSTEM = "system"
-    """The middleware's own default."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,7 +165,7 @@ class Ros2Node:
         environment: Ros2Environment | None = None,
         name: str = "mindstage",
         namespace: str = "/",
-        domain: int | None = None,
+        domain: DomainId | None = None,
         discovery: Discovery = Discovery.LOCALHOST,
         ros_args: Sequence[str] = (),
         build_messages: bool = True,
@@ -205,10 +192,7 @@ class Ros2Node:
 
         Raises:
             Ros2Error: there is no ROS 2, messages cannot be built, or the process does not start.
-            InvalidArgumentError: the domain does not exist.
         """
-        if domain is not None and domain not in _DOMAINS:
-            raise InvalidArgumentError("domain", cause=f"{domain} is not from 0 to {_DOMAINS[-1]}")
         self.node = node
         self.environment = environment or find_environment()
         self.error = ""
