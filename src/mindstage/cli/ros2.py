@@ -27,13 +27,12 @@ def doctor(*, python: Python = None, as_json: AsJson = False) -> ExitCode:
     """Show which ROS 2 is found, whether it works, and which message packages are to be built."""
     from mindstage.ros2 import find_environment
     from mindstage.ros2.environment import TESTED_DISTRIBUTIONS, udp_participants
-    from mindstage.ros2.message_packages import USED_PACKAGES, package_folder
+    from mindstage.ros2.message_packages import package_folders
 
     environment = find_environment(python)
     facts = environment.facts
-    missing = [each for each in USED_PACKAGES if not environment.has_package(each)]
-    folder = package_folder(environment)
-    is_built = (folder / "built").exists()
+    folders = package_folders(environment)
+    unbuilt = [name for name, folder in folders.items() if not folder.exists()]
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     participants = udp_participants(int(domain) if domain.isdecimal() else 0)
     result = {
@@ -41,8 +40,8 @@ def doctor(*, python: Python = None, as_json: AsJson = False) -> ExitCode:
         "tested": environment.distribution in TESTED_DISTRIBUTIONS,
         "python": str(environment.python),
         **{f"{name}_version" if name in {"python", "numpy"} else name: value for name, value in facts.items()},
-        "missing_packages": missing,
-        "built": is_built,
+        "missing_packages": list(folders),
+        "unbuilt_packages": unbuilt,
         "domain": domain,
         "discovery": os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
         "participants": participants,
@@ -53,9 +52,9 @@ def doctor(*, python: Python = None, as_json: AsJson = False) -> ExitCode:
     print_line(f"ROS 2 {environment.distribution}: {environment.python} (Python {facts['python']}, {facts['rmw']})")
     if not result["tested"]:
         warn(f"the tests run with {', '.join(TESTED_DISTRIBUTIONS)}, not with {environment.distribution}")
-    if missing:
-        state = f"built in {folder}" if is_built else "built by `mindstage ros2 build-messages`, or by the first `serve --ros2`"
-        print_line(f"message packages that it lacks: {', '.join(missing)}; {state}")
+    if folders:
+        how = f"; {', '.join(unbuilt)} will be built by the first `serve --ros2`, or by `ros2 build-messages`"
+        print_line(f"message packages that it lacks: {', '.join(folders)}{how if unbuilt else '; they are built'}")
     print_line(f"domain {domain}, with {participants} participants on this machine; discovery {result['discovery']}")
     if participants >= _MAX_PARTICIPANTS:
         warn(f"beyond about {_MAX_PARTICIPANTS} participants of a domain, later ones do not find each other")
@@ -88,14 +87,16 @@ def build_messages(
         if name not in packages():
             raise Ros2Error(f"Mindstage has no package {name}", remedy=f"there is {', '.join(packages())}")
     with progress_spinner("building message packages"):
-        folder, built = build_message_packages(
+        built = build_message_packages(
             find_environment(python), out, packages=dict.fromkeys((*USED_PACKAGES, *(package or ())))
         )
     if as_json:
-        print_json({"folder": str(folder), "packages": built})
+        print_json({"packages": {name: str(folder) for name, folder in built.items()}})
     elif built:
-        print_line(f"{folder} has {', '.join(built)}; put it in front of AMENT_PREFIX_PATH, CMAKE_PREFIX_PATH,")
-        print_line("its lib in front of LD_LIBRARY_PATH, and its Python packages in front of PYTHONPATH")
+        for name, folder in built.items():
+            print_line(f"{name}: {folder}")
+        print_line("Put these folders in front of AMENT_PREFIX_PATH, their lib in front of LD_LIBRARY_PATH,")
+        print_line("and their lib/python3.*/site-packages in front of PYTHONPATH.")
     else:
         print_line("all packages are installed; nothing was built")
     return ExitCode.OK

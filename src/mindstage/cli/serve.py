@@ -451,8 +451,8 @@ def ros2_commands(space: str) -> tuple[str, ...]:
         "ros2 topic list",
         "ros2 topic echo --once /clock",
         f"ros2 service call {space}/get_entities simulation_interfaces/srv/GetEntities",
-        f"ros2 action send_goal {space}/simulate_steps simulation_interfaces/action/SimulateSteps '{{steps: 100}}'",
         "ros2 param set /mindstage paused true",
+        f"ros2 action send_goal {space}/simulate_steps simulation_interfaces/action/SimulateSteps '{{steps: 100}}'",
     )
 
 

@@ -53,10 +53,11 @@ class Ros2Environment:
     @property
     def identity(self) -> tuple[str, ...]:
         """What message packages that are built for it depend on."""
-        version = (
-            self.prefixes[0] / "lib" if (self.prefixes[0] / "pyvenv.cfg").exists() else self.prefixes[0]
-        ).stat().st_mtime_ns
-        return (str(self.python), *map(str, self.prefixes), self.distribution, str(version))
+        wheels = sorted(
+            each.name for prefix in self.prefixes for each in (prefix / "lib").glob("python3.*/site-packages/ros_*.dist-info")
+        )
+        where = wheels or [f"{prefix}:{(prefix / 'share').stat().st_mtime_ns}" for prefix in self.prefixes]
+        return (self.distribution, self.facts["python"].rpartition(".")[0], *where)
 
     def has_package(self, name: str) -> bool:
         """Whether a package is installed."""

@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from mindstage.msgs import RosVersion, action_types, message_types, service_type
 from mindstage.msgs.message_registry import interface_text, is_ros1_only, packages_in
 from mindstage.ros2.environment import Ros2Environment, cache_folder
 
-__all__ = ["USED_PACKAGES", "build_message_packages", "package_folder"]
+__all__ = ["USED_PACKAGES", "build_message_packages", "package_folders"]
 
 USED_PACKAGES = (
     "tf2_msgs",
@@ -98,54 +99,60 @@ class _Package:
     """Packages that its messages contain, and `action_msgs` if it has actions."""
 
 
-def package_folder(environment: Ros2Environment, packages: Iterable[str] = USED_PACKAGES) -> Path:
-    """Returns the folder in the cache directory where the packages for an installation are, once they are built."""
-    key = hashlib.sha256()
+def package_folders(environment: Ros2Environment, packages: Iterable[str] = USED_PACKAGES) -> dict[str, Path]:
+    """Returns the folder in the cache directory of each package that the installation lacks, once it is built.
+
+    They are in the order of their dependencies.
+    """
+    found: dict[str, Path] = {}
     for package in _packages(packages):
-        key.update(repr((package.name, sorted(package.files.items()), package.needed)).encode())
-    key.update(repr((environment.identity, _CMAKE, _MANIFEST)).encode())
-    return cache_folder() / "messages" / key.hexdigest()[:24]
+        if not environment.has_package(package.name):
+            parts = (sorted(package.files.items()), package.needed, [found.get(each) for each in package.needed])
+            key = hashlib.sha256(repr((parts, environment.identity, _CMAKE, _MANIFEST)).encode())
+            found[package.name] = cache_folder() / "messages" / f"{package.name}-{key.hexdigest()[:16]}"
+    return found
 
 
 def build_message_packages(
     environment: Ros2Environment, folder: Path | None = None, *, packages: Iterable[str] = USED_PACKAGES
-) -> tuple[Path, tuple[str, ...]]:
-    """Builds the packages that the installation lacks, unless that was done before.
+) -> dict[str, Path]:
+    """Builds the packages that the installation lacks, except those that were built before.
 
     Args:
         environment: the installation of ROS 2, with cmake, a C and C++ compiler and ninja in PATH.
-        folder: where to install; None for a folder in the cache directory.
+        folder: where to install them all; None for folders in the cache directory.
         packages: names as in `mindstage.msgs`.
 
     Returns:
-        The folder, to be put in front of AMENT_PREFIX_PATH, and the names of the packages in it.
+        The folder of each package that the installation lacks, to be put in front of AMENT_PREFIX_PATH.
 
     Raises:
         Ros2Error: a program is missing, or a package cannot be built; the message has the end of the output.
     """
-    missing = [each for each in _packages(packages) if not environment.has_package(each.name)]
-    names = tuple(each.name for each in missing)
-    target = folder or package_folder(environment, packages)
-    done = target / "built"
-    if not missing or (done.exists() and done.read_text().split() == list(names)):
-        return target, names
-    for program in ("cmake", "ninja", "cc", "c++"):
-        if shutil.which(program) is None:
-            remedy = "on Debian: apt-get install cmake ninja-build g++ python3-dev"
-            raise Ros2Error(f"to build message packages, {program} has to be in PATH", remedy=remedy)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix="mindstage-ros2-", dir=target.parent) as scratch:
-        prefix = target if folder else Path(scratch, "install")
-        for package in missing:
-            _build(package, environment, Path(scratch), prefix)
-        (prefix / "built").write_text(" ".join(names))
-        if folder is None:
-            shutil.rmtree(target, ignore_errors=True)
-            prefix.rename(target)
-    return target, names
+    names = tuple(packages)
+    targets = package_folders(environment, names)
+    if folder is not None:
+        targets = dict.fromkeys(targets, folder)
+    for package in _packages(names):
+        target = targets.get(package.name)
+        if target is None or (target / "share" / package.name / "package.xml").exists():
+            continue
+        for program in ("cmake", "ninja", "cc", "c++"):
+            if shutil.which(program) is None:
+                remedy = "on Debian: apt-get install cmake ninja-build g++ python3-dev"
+                raise Ros2Error(f"to build message packages, {program} has to be in PATH", remedy=remedy)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="mindstage-ros2-", dir=target.parent) as scratch:
+            prefix = target if folder else Path(scratch, "install")
+            needed = [targets[each] for each in package.needed if each in targets]
+            _build(package, environment, Path(scratch), prefix, needed)
+            if folder is None:
+                with suppress(OSError):  # another process has built it meanwhile
+                    prefix.rename(target)
+    return targets
 
 
-def _build(package: _Package, environment: Ros2Environment, scratch: Path, prefix: Path) -> None:
+def _build(package: _Package, environment: Ros2Environment, scratch: Path, prefix: Path, needed: list[Path]) -> None:
     source = scratch / package.name
     for path, text in package.files.items():
         (source / path).parent.mkdir(parents=True, exist_ok=True)
@@ -160,7 +167,7 @@ def _build(package: _Package, environment: Ros2Environment, scratch: Path, prefi
     )
     depends = "\n".join(f"  <depend>{each}</depend>" for each in package.needed)
     (source / "package.xml").write_text(_MANIFEST.format(package=package.name, depends=depends))
-    variables = environment.variables(prefix) | {"ROS_VERSION": "2"}
+    variables = environment.variables(prefix, *needed) | {"ROS_VERSION": "2"}
     build = source / "build"
     configure = [
         *("cmake", "-G", "Ninja", "-S", str(source), "-B", str(build), f"-DCMAKE_INSTALL_PREFIX={prefix}"),

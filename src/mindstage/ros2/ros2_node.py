@@ -211,8 +211,7 @@ class Ros2Node:
         self._stop_mirroring: Callable[[], None] = lambda: None
         packages: tuple[Path, ...] = ()
         if build_messages:
-            folder, built = build_message_packages(self.environment)
-            packages = (folder,) if built else ()
+            packages = tuple(dict.fromkeys(build_message_packages(self.environment).values()))
         variables = self.environment.variables(*packages)
         variables.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", _RANGES[discovery])
         variables.pop("PYTHONHOME", None)
