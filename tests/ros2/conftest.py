@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
-from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -81,7 +79,12 @@ class RunClient:
         """Starts a program; the caller reads its lines and waits for its end."""
         command = (str(self._python), "-u", "-c", HEAD + program)
         return subprocess.Popen(
-            command, env=self.variables, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.PIPE, text=True
+            command,
+            env=self.variables,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            stdin=subprocess.PIPE,
+            text=True,
         )
 
     def __call__(self, program: str) -> dict[str, Any]:
@@ -103,8 +106,6 @@ class RunClient:
 @pytest.fixture(scope="session")
 def environment() -> Ros2Environment:
     """The ROS 2 of `scripts/ros2_for_tests.sh`, which installs it once."""
-    if sys.version_info[:2] < (3, 11):
-        pytest.skip("real ROS 2 is tested with Python 3.11")
     if named := os.environ.get("MINDSTAGE_ROS2_PYTHON"):
         return find_environment(named)
     done = subprocess.run((str(ROOT / "scripts" / "ros2_for_tests.sh"),), capture_output=True, text=True, check=False)

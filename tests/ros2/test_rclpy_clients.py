@@ -1,4 +1,4 @@
-"""Real rclpy clients of a simulation that is a node of ROS 2: services, topics, actions, parameters, and abrupt ends."""
+"""Real rclpy clients of a simulation that is a node of ROS 2: services, topics, actions, parameters, killed processes."""
 
 from __future__ import annotations
 
@@ -88,13 +88,13 @@ pose = Pose(position=Point(x=0.3, y=0.1, z=1.5), orientation=Quaternion(w=1.0))
 same = []
 for number in range(10):
     pose.position.x = 0.3 + 0.01 * number
-    assert call(SetModelPose, "/unreal/set_model_pose", id="mug", pose=pose).success
-    same.append(call(GetModelPose, "/unreal/get_model_pose", id="mug").pose.position.x - pose.position.x)
+    assert call(SetModelPose, "/unreal/set_model_pose", id="Mug", pose=pose).success
+    same.append(call(GetModelPose, "/unreal/get_model_pose", id="Mug").pose.position.x - pose.position.x)
 unknown = call(GetModelPose, "/unreal/get_model_pose", id="nobody")
 entities = call(GetEntities, "/unreal/get_entities")
 say(largest=max(map(abs, same)), unknown=unknown.success, code=entities.result.result, entities=list(entities.entities))
 bad = Pose(position=Point(x=float("nan")), orientation=Quaternion(w=1.0))
-say(nan=call(SetModelPose, "/unreal/set_model_pose", id="mug", pose=bad).success)
+say(nan=call(SetModelPose, "/unreal/set_model_pose", id="Mug", pose=bad).success)
 """
 
 
@@ -124,7 +124,9 @@ node.create_subscription(JointState, "/unreal/joint_states", keep("joints"), 10)
 node.create_subscription(DiagnosticArray, "/mindstage/health", keep("health"), latched)
 node.create_subscription(Clock, "/clock", keep("clock"), best_effort)
 node.create_subscription(Clock, "/clock", keep("reliable_clock"), 10)
-assert until(lambda: all(len(got.get(name, ())) >= 3 for name in ("tf", "joints", "clock")) and len(got) >= 5), got.keys()
+def have_all():
+    return all(len(got.get(name, ())) >= 3 for name in ("tf", "joints", "clock")) and len(got) >= 5
+assert until(have_all), got.keys()
 stamps = [each.clock.sec + each.clock.nanosec * 1e-9 for each in got["clock"]]
 say(
     stamps=stamps,
@@ -148,7 +150,7 @@ def test_topics_arrive_late_subscribers_get_latched_ones_and_incompatible_ones_n
         served.simulation.pause()
     assert found["stamps"] == sorted(found["stamps"])
     assert found["stamps"][-1] > found["stamps"][0]
-    assert "mug" in found["frames"]
+    assert "Mug" in found["frames"]
     assert "world" in found["static"]
     assert not set(found["frames"]) & set(found["static"])
     assert len(found["joints"]) == 2
@@ -161,15 +163,15 @@ from mindstage_msgs.msg import HighlightGroup
 from std_msgs.msg import ColorRGBA
 publisher = node.create_publisher(HighlightGroup, "/unreal/highlight", 10)
 assert until(lambda: publisher.get_subscription_count() == 1)
-publisher.publish(HighlightGroup(ids=["mug"], color=ColorRGBA(r=1.0, a=1.0), label="asked for"))
+publisher.publish(HighlightGroup(ids=["Mug"], color=ColorRGBA(r=1.0, a=1.0), label="asked for"))
 assert until(lambda: False, 0.5) is False
 """
 
 
 def test_a_message_of_a_client_is_handled(served: Served, run_client: RunClient) -> None:
-    assert BodyId("mug") not in served.simulation.state.highlights
+    assert BodyId("Mug") not in served.simulation.state.highlights
     run_client(MESSAGES)
-    eventually(lambda: served.simulation.state.highlights.get(BodyId("mug")) == (1.0, 0.0, 0.0))
+    eventually(lambda: served.simulation.state.highlights.get(BodyId("Mug")) == (1.0, 0.0, 0.0))
 
 
 ACTIONS = """
@@ -240,12 +242,16 @@ def test_parameters_follow_the_simulation_and_set_it(served: Served, run_client:
     lines = [process.stdout.readline(), process.stdout.readline()]
     assert all(lines), process.communicate()[1]
     found = json.loads(lines[0]) | json.loads(lines[1])
-    assert {"paused", "speed", "rates.tf", "use_sim_time", "robot_description", "stamped_cmd_vel"} <= set(found["names"])
+    assert {"paused", "speed", "rates.tf", "use_sim_time", "robot_description", "stamped_cmd_vel"} <= set(
+        found["names"]
+    )
     assert found["range"] == [0.0, 1000.0]
     assert found["description"]
-    assert found["play"][0] and found["faster"][0]
+    assert found["play"][0]
+    assert found["faster"][0]
     assert not found["too_fast"][0]
-    assert not found["rate"][0] and "read-only" in found["rate"][1]
+    assert not found["rate"][0]
+    assert "read-only" in found["rate"][1]
     assert found["values"] == [False, 2.0, 30.0]
     assert served.simulation.state.playing
     assert served.simulation.state.speed == 2.0
@@ -256,8 +262,8 @@ def test_parameters_follow_the_simulation_and_set_it(served: Served, run_client:
 
 TWO = """
 from world_control_msgs.srv import GetModelPose
-say(first=call(GetModelPose, "/unreal/get_model_pose", id="mug").success)
-say(second=call(GetModelPose, "/other/get_model_pose", id="mug").success)
+say(first=call(GetModelPose, "/unreal/get_model_pose", id="Mug").success)
+say(second=call(GetModelPose, "/other/get_model_pose", id="Mug").success)
 """
 
 
@@ -295,6 +301,7 @@ def test_goals_end_when_the_process_of_the_node_is_killed(
             simulation, namespace="mortal", environment=environment, domain=domain, name="mortal", on_end=reasons.append
         ) as served,
     ):
+        simulation.spawn(kitchenette())
         process = run_client.start(GOAL.format(namespace="mortal"))
         assert process.stdout is not None
         assert json.loads(process.stdout.readline()) == {"accepted": True}

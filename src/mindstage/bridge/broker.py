@@ -632,9 +632,7 @@ class ServiceRouter:
             caller.set_paused(False)
 
 
-def _checked(
-    response: ServiceResponse, provider: Provider, call: CallService | _Call, caller: Peer
-) -> ServiceResponse:
+def _checked(response: ServiceResponse, provider: Provider, call: CallService | _Call, caller: Peer) -> ServiceResponse:
     """Returns the response as the caller receives it; if it is not an object, the provider receives a status."""
     values = content(response.values)
     name = call.service if isinstance(call, CallService) else call.name

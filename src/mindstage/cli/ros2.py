@@ -3,24 +3,155 @@
 from __future__ import annotations
 
 import os
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.cli.options import AsJson, ExitCode
+from mindstage.access.ports import Discovery
+from mindstage.cli.options import AsJson, ExitCode, OptionGroup, options_given
 from mindstage.cli.output import print_json, print_line, progress_spinner, warn
-from mindstage.errors import Ros2Error
+from mindstage.errors import InvalidArgumentError, Ros2Error
+from mindstage.ranges import DomainId
 
-__all__ = ["build_messages", "doctor"]
+if TYPE_CHECKING:
+    from mindstage.bridge import LocalNode, Refusal
+    from mindstage.ros import RosInterface
+    from mindstage.ros2.served_simulation import ServedSimulation
+    from mindstage.simulation import Simulation
+
+__all__ = ["NO_ROS2", "Ros2Options", "build_messages", "doctor", "ros2_commands"]
 
 _MAX_PARTICIPANTS = 33
 """Participants of one machine and domain that find each other with Fast DDS' defaults."""
 
 Python = Annotated[
     Path | None,
-    typer.Option("--ros2-python", metavar="FILE", help="The Python that has rclpy.", show_default=False, dir_okay=False),
+    typer.Option(
+        "--ros2-python", metavar="FILE", help="The Python that has rclpy.", show_default=False, dir_okay=False
+    ),
 ]
+
+Enabled = Annotated[
+    bool,
+    typer.Option("--ros2", help="Be a node of ROS 2 too, on this machine's ROS 2 or its wheels; see `ros2 doctor`."),
+]
+ServedPython = Annotated[
+    Path | None,
+    typer.Option(
+        "--ros2-python",
+        metavar="FILE",
+        help="With --ros2: the Python that has rclpy.",
+        show_default=False,
+        dir_okay=False,
+    ),
+]
+Domain = Annotated[
+    DomainId | None,
+    typer.Option(
+        "--ros2-domain",
+        metavar="ID",
+        help="With --ros2: the domain. By default that of ROS_DOMAIN_ID, or 0.",
+        show_default=False,
+    ),
+]
+DiscoveryRange = Annotated[
+    Discovery, typer.Option("--ros2-discovery", help="With --ros2: how far the node can be seen; see --allow-network.")
+]
+AllowNetwork = Annotated[
+    bool, typer.Option("--allow-network", help="With --ros2: other machines may see and control the simulation.")
+]
+RosArguments = Annotated[
+    str,
+    typer.Option(
+        "--ros-args",
+        metavar="TEXT",
+        help="With --ros2: arguments of the node, such as '-r /tf:=/sim/tf'.",
+        show_default=False,
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ros2Options(OptionGroup):
+    """The options of `serve` that make the simulation a node of ROS 2."""
+
+    ros2: Enabled = False
+    ros2_python: ServedPython = None
+    ros2_domain: Domain = None
+    ros2_discovery: DiscoveryRange = Discovery.LOCALHOST
+    allow_network: AllowNetwork = False
+    ros_args: RosArguments = ""
+
+    def check(self, context: typer.Context, *, connect: str | None) -> None:
+        """Checks the options before anything is started.
+
+        Raises:
+            InvalidArgumentError: they need `--ros2`, or open the network without saying so.
+        """
+        names = {"ros2_python": "--ros2-python", "ros2_domain": "--ros2-domain", "ros2_discovery": "--ros2-discovery"}
+        names |= {"allow_network": "--allow-network", "ros_args": "--ros-args"}
+        for option in options_given(context, names) if not self.ros2 else ():
+            raise InvalidArgumentError(option, cause="it requires --ros2", remedy="add that, or omit it")
+        if not self.ros2:
+            return
+        if connect is not None:
+            cause = "with --connect another rosbridge is served"
+            raise InvalidArgumentError("--ros2", cause=cause, remedy="omit one of them")
+        chosen = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
+        is_open = chosen not in {"LOCALHOST", "OFF"} if chosen else self.ros2_discovery is not Discovery.LOCALHOST
+        if is_open and not self.allow_network:
+            what = f"ROS_AUTOMATIC_DISCOVERY_RANGE={chosen}" if chosen else f"--ros2-discovery {self.ros2_discovery}"
+            cause = f"with {what} every machine of the network can control the simulation; DDS asks for no token"
+            raise InvalidArgumentError("--ros2", cause=cause, remedy="add --allow-network, or choose localhost")
+        if is_open:
+            warn("every machine of the network can see and control this simulation over ROS 2; DDS asks for no token")
+
+    def start(
+        self,
+        simulation: Simulation,
+        node: LocalNode,
+        interface: RosInterface,
+        *,
+        on_refusal: Callable[[Refusal], object],
+    ) -> ServedSimulation:
+        """Starts the node, whose end is printed.
+
+        Raises:
+            Ros2Error: there is no ROS 2, or its process does not start.
+        """
+        from mindstage.ros2 import find_environment
+        from mindstage.ros2.served_simulation import serve_simulation
+
+        with progress_spinner("starting the node of ROS 2; its message packages are built once, which takes minutes"):
+            return serve_simulation(
+                simulation,
+                local_node=node,
+                interface=interface,
+                environment=find_environment(self.ros2_python),
+                domain=self.ros2_domain,
+                discovery=self.ros2_discovery,
+                ros_args=shlex.split(self.ros_args),
+                on_refusal=on_refusal,
+                on_end=lambda reason: warn(f"ROS 2: {reason}; start `mindstage serve --ros2` again"),
+            )
+
+
+NO_ROS2 = Ros2Options()
+
+
+def ros2_commands(space: str) -> tuple[str, ...]:
+    """Five commands of ROS 2 that show the simulation in a namespace such as `/unreal`."""
+    return (
+        "ros2 topic list",
+        "ros2 topic echo --once /clock",
+        f"ros2 service call {space}/get_entities simulation_interfaces/srv/GetEntities",
+        "ros2 param set /mindstage paused true",
+        f"ros2 action send_goal {space}/simulate_steps simulation_interfaces/action/SimulateSteps '{{steps: 100}}'",
+    )
 
 
 def doctor(*, python: Python = None, as_json: AsJson = False) -> ExitCode:

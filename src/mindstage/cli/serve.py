@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
 import re
-import shlex
 import threading
 import time
 from collections.abc import Sequence
@@ -16,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mindstage.access.ports import Discovery
 from mindstage.cli.options import (
     DEFAULT_SPAWN,
     LOCAL_SERVER,
@@ -38,21 +35,21 @@ from mindstage.cli.output import (
     shortcomings,
     warn,
 )
+from mindstage.cli.ros2 import NO_ROS2, Ros2Options, ros2_commands
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
 from mindstage.ranges import Port as PortNumber
-from mindstage.ranges import DomainId, WallTime
+from mindstage.ranges import WallTime
 
 if TYPE_CHECKING:
     from mindstage.bridge import LocalNode, Refusal, RosbridgeClient
-    from mindstage.ros import RosInterface
     from mindstage.knowledge import KnowledgeBase
     from mindstage.maps.urdf.xacro_process import XacroRequest
     from mindstage.scene import World
     from mindstage.simulation import Simulation
 
-__all__ = ["Discovery", "ros2_commands", "serve"]
+__all__ = ["serve"]
 
 _POLL_INTERVAL_S = 0.2
 _CONNECT_TIMEOUT_S = 5.0
@@ -146,37 +143,6 @@ RobotSources = Annotated[
         show_default=False,
     ),
 ]
-Ros2 = Annotated[
-    bool,
-    typer.Option("--ros2", help="Be a node of ROS 2 too, on this machine's ROS 2 or its wheels; see `ros2 doctor`."),
-]
-Ros2Python = Annotated[
-    Path | None,
-    typer.Option(
-        "--ros2-python", metavar="FILE", help="With --ros2: the Python that has rclpy.", show_default=False, dir_okay=False
-    ),
-]
-Ros2Domain = Annotated[
-    DomainId | None,
-    typer.Option(
-        "--ros2-domain",
-        metavar="ID",
-        help="With --ros2: the domain. By default that of ROS_DOMAIN_ID, or 0.",
-        show_default=False,
-    ),
-]
-Ros2Discovery = Annotated[
-    Discovery, typer.Option("--ros2-discovery", help="With --ros2: how far the node can be seen; see --allow-network.")
-]
-AllowNetwork = Annotated[
-    bool, typer.Option("--allow-network", help="With --ros2: other machines may see and control the simulation.")
-]
-RosArguments = Annotated[
-    str,
-    typer.Option(
-        "--ros-args", metavar="TEXT", help="With --ros2: arguments of the node, such as '-r /tf:=/sim/tf'.", show_default=False
-    ),
-]
 Paused = Annotated[bool, typer.Option("--paused", help="Start paused.")]
 WithViewer = Annotated[bool, typer.Option("--viewer/--no-viewer", help="Serve the page too.")]
 ViewerPort = Annotated[
@@ -205,12 +171,7 @@ def serve(
     episodes: Episodes = None,
     robot: RobotSources = None,
     options: MapSpawning = DEFAULT_SPAWN,
-    ros2: Ros2 = False,
-    ros2_python: Ros2Python = None,
-    ros2_domain: Ros2Domain = None,
-    ros2_discovery: Ros2Discovery = Discovery.LOCALHOST,
-    allow_network: AllowNetwork = False,
-    ros_args: RosArguments = "",
+    ros2: Ros2Options = NO_ROS2,
     paused: Paused = False,
     with_viewer: WithViewer = False,
     viewer_port: ViewerPort = None,
@@ -222,7 +183,7 @@ def serve(
     from mindstage.ros import RosInterface, RosVersion
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
-    _check_ros2_options(context, ros2=ros2, connect=connect, discovery=ros2_discovery, allow_network=allow_network)
+    ros2.check(context, connect=connect)
     access = server_access(replace(server, token=None) if connect else server, origins=origins or [])
     running, quitting = make_engine(options.engine), threading.Event()
     knowledge, world = _load_knowledge(maps, options)
@@ -240,25 +201,19 @@ def serve(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
         )
         resources.callback(interface.close)
-        if ros2 and isinstance(node, LocalNode):
-            _start_ros2(
-                resources,
-                simulation,
-                node,
-                interface,
-                python=ros2_python,
-                domain=ros2_domain,
-                discovery=ros2_discovery,
-                ros_args=shlex.split(ros_args),
-                refused=refused,
-            )
+        if ros2.ros2 and isinstance(node, LocalNode):
+            resources.enter_context(ros2.start(simulation, node, interface, on_refusal=refused.append))
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
-        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine.name, **spawned}
+        output: dict[str, object] = {
+            "ros2": ros2.ros2,
+            "url": url,
+            "namespace": namespace,
+            "engine": simulation.engine.name,
+            **spawned,
+        }
         if with_viewer:
             output["viewer"] = _serve_viewer(resources, simulation, viewer_port, access)
         _answer_queries(simulation, page=output.get("viewer", ""))
-        if ros2:
-            output["ros2"] = True
         _announce(output, connected=connect is not None, seconds=seconds, as_json=as_json)
         _run_until_end(simulation, quitting, url, refused, paused=paused, seconds=seconds, quiet=as_json)
     return ExitCode.OK
@@ -288,61 +243,6 @@ def _check_options(
         raise InvalidArgumentError("--namespace", cause=f"{namespace!r} is not a valid ROS name", remedy=remedy)
     if worlds is not None and not worlds.is_dir():
         raise InvalidArgumentError("--worlds", cause=f"{worlds} is not a folder")
-
-
-def _check_ros2_options(
-    context: typer.Context, *, ros2: bool, connect: str | None, discovery: Discovery, allow_network: bool
-) -> None:
-    """Checks the options of ROS 2 before anything is started.
-
-    Raises:
-        InvalidArgumentError: they need `--ros2`, or open the network without saying so.
-    """
-    names = {"ros2_python": "--ros2-python", "ros2_domain": "--ros2-domain", "ros2_discovery": "--ros2-discovery"}
-    names |= {"allow_network": "--allow-network", "ros_args": "--ros-args"}
-    for option in options_given(context, names) if not ros2 else ():
-        raise InvalidArgumentError(option, cause="it requires --ros2", remedy="add that, or omit it")
-    if ros2 and connect is not None:
-        raise InvalidArgumentError("--ros2", cause="with --connect another rosbridge is served", remedy="omit one of them")
-    chosen = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
-    is_open = discovery is not Discovery.LOCALHOST if not chosen else chosen not in {"LOCALHOST", "OFF"}
-    if ros2 and is_open and not allow_network:
-        what = f"ROS_AUTOMATIC_DISCOVERY_RANGE={chosen}" if chosen else f"--ros2-discovery {discovery}"
-        cause = f"with {what} every machine of the network can control the simulation; DDS asks for no token"
-        raise InvalidArgumentError("--ros2", cause=cause, remedy="add --allow-network, or choose localhost")
-    if ros2 and is_open:
-        warn("every machine of the network can see and control this simulation over ROS 2; DDS asks for no token")
-
-
-def _start_ros2(
-    resources: ExitStack,
-    simulation: Simulation,
-    node: LocalNode,
-    interface: RosInterface,
-    *,
-    python: Path | None,
-    domain: int | None,
-    discovery: Discovery,
-    ros_args: Sequence[str],
-    refused: list[Refusal],
-) -> None:
-    """Starts the node of ROS 2, and says so when its process ends."""
-    from mindstage.ros2 import find_environment
-    from mindstage.ros2.served_simulation import serve_simulation
-
-    with progress_spinner("starting the node of ROS 2 (its message packages are built once, which takes minutes)"):
-        served = serve_simulation(
-            simulation,
-            local_node=node,
-            interface=interface,
-            environment=find_environment(python),
-            domain=domain,
-            discovery=discovery,
-            ros_args=ros_args,
-            on_refusal=refused.append,
-            on_end=lambda reason: warn(f"ROS 2: {reason}; start `mindstage serve --ros2` again"),
-        )
-    resources.enter_context(served)
 
 
 def _load_knowledge(maps: list[str] | None, options: MapSpawning) -> tuple[KnowledgeBase, World | None]:
@@ -437,23 +337,12 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
         print_line(f"The world is served at {summary['viewer']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
-    if "ros2" in summary:
+    if summary["ros2"]:
         space = "/".join(("", *filter(None, str(summary["namespace"]).split("/"))))
         print_line("In ROS 2, try:")
         for command in ros2_commands(space):
             print_line(f"  {command}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")
-
-
-def ros2_commands(space: str) -> tuple[str, ...]:
-    """Five commands of ROS 2 that show the simulation in a namespace such as `/unreal`."""
-    return (
-        "ros2 topic list",
-        "ros2 topic echo --once /clock",
-        f"ros2 service call {space}/get_entities simulation_interfaces/srv/GetEntities",
-        "ros2 param set /mindstage paused true",
-        f"ros2 action send_goal {space}/simulate_steps simulation_interfaces/action/SimulateSteps '{{steps: 100}}'",
-    )
 
 
 def _print_refusals(url: str, refusals: Sequence[Refusal]) -> None:

@@ -153,9 +153,7 @@ class Endpoints:
 
         expected = None if is_open else type_name(type, self.ros)
         self._subscriptions.append(
-            self._node.subscribe(
-                topic, on_message, type=expected, usual_type=type_name(type, self.ros), policy=policy
-            )
+            self._node.subscribe(topic, on_message, type=expected, usual_type=type_name(type, self.ros), policy=policy)
         )
 
     def publisher(self, name: str, type: type[M], *, latch: bool = False) -> Publisher[M]:

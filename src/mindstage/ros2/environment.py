@@ -54,7 +54,9 @@ class Ros2Environment:
     def identity(self) -> tuple[str, ...]:
         """What message packages that are built for it depend on."""
         wheels = sorted(
-            each.name for prefix in self.prefixes for each in (prefix / "lib").glob("python3.*/site-packages/ros_*.dist-info")
+            each.name
+            for prefix in self.prefixes
+            for each in (prefix / "lib").glob("python3.*/site-packages/ros_*.dist-info")
         )
         where = wheels or [f"{prefix}:{(prefix / 'share').stat().st_mtime_ns}" for prefix in self.prefixes]
         return (self.distribution, self.facts["python"].rpartition(".")[0], *where)

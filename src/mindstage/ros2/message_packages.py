@@ -10,7 +10,7 @@ all definitions, of this module, and of the versions of Python and of the instal
 from __future__ import annotations
 
 import hashlib
-import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -173,7 +173,10 @@ def _build(package: _Package, environment: Ros2Environment, scratch: Path, prefi
         *("cmake", "-G", "Ninja", "-S", str(source), "-B", str(build), f"-DCMAKE_INSTALL_PREFIX={prefix}"),
         *(f"-DPython3_EXECUTABLE={environment.python}", "-DPython3_FIND_STRATEGY=LOCATION", "-DBUILD_TESTING=OFF"),
         *("-DCMAKE_BUILD_TYPE=None", "-DCMAKE_C_FLAGS=-O0", "-DCMAKE_CXX_FLAGS=-O0", "-DCMAKE_UNITY_BUILD=ON"),
-        *("-DCMAKE_UNITY_BUILD_BATCH_SIZE=0", f"-DCMAKE_PREFIX_PATH={variables['AMENT_PREFIX_PATH'].replace(':', ';')}"),
+        *(
+            "-DCMAKE_UNITY_BUILD_BATCH_SIZE=0",
+            f"-DCMAKE_PREFIX_PATH={variables['AMENT_PREFIX_PATH'].replace(':', ';')}",
+        ),
     ]
     for command in (configure, ["ninja", "-C", str(build), "install"]):
         try:
@@ -185,7 +188,10 @@ def _build(package: _Package, environment: Ros2Environment, scratch: Path, prefi
         if done.returncode:
             lines = (done.stdout + done.stderr).strip().splitlines()
             errors = [line for line in lines if "error" in line.lower()] or lines
-            raise Ros2Error("\n  ".join((f"{package.name} cannot be built:", *errors[:6], *lines[-6:])), remedy="the compiler's output is above")
+            raise Ros2Error(
+                "\n  ".join((f"{package.name} cannot be built:", *errors[:6], *lines[-6:])),
+                remedy="the compiler's output is above",
+            )
 
 
 def _packages(names: Iterable[str]) -> Iterator[_Package]:
@@ -214,4 +220,10 @@ def _package(name: str) -> _Package:
             needed.update(*(packages_in(cls, ros=RosVersion.TWO) for cls in classes))
             needed.update({"action_msgs"} if kind == "action" else ())
     own = _ROS2_NAMES.get(name, name)
+    if own != name:
+        files = {path: re.sub(rf"^{name}/", f"{own}/", text, flags=re.MULTILINE) for path, text in files.items()}
+        # rosapi_msgs renamed this field, which is a keyword of C.
+        files = {
+            path: re.sub(r"^string default$", "string default_value", files[path], flags=re.MULTILINE) for path in files
+        }
     return _Package(own, files, tuple(sorted(needed - {name})))

@@ -62,7 +62,7 @@ from mindstage.ranges import DomainId, checked
 from mindstage.ros2.environment import Ros2Environment, find_environment
 from mindstage.ros2.message_packages import build_message_packages
 
-__all__ = ["Ros2Node", "Ros2Parameter", "SharedPoses"]
+__all__ = ["PoseMemory", "Ros2Node", "Ros2Parameter"]
 
 _FRAME = struct.Struct("<II")
 _STATE = struct.Struct("<QQQ")
@@ -88,7 +88,7 @@ class Ros2Parameter:
     """Called with a new value; raises a `MindstageError` if that is refused. None if it is read-only."""
 
 
-class SharedPoses:
+class PoseMemory:
     """The poses of the latest state in shared memory, written with a sequence lock."""
 
     def __init__(self) -> None:
@@ -169,7 +169,7 @@ class Ros2Node:
         discovery: Discovery = Discovery.LOCALHOST,
         ros_args: Sequence[str] = (),
         build_messages: bool = True,
-        poses: SharedPoses | None = None,
+        poses: PoseMemory | None = None,
         parameters: Sequence[Ros2Parameter] = (),
         on_refusal: Callable[[Refusal], object] | None = None,
         on_end: Callable[[str], object] | None = None,
@@ -201,7 +201,7 @@ class Ros2Node:
         self._on_refusal = on_refusal or (lambda refusal: _log.warning("ROS 2: %s", refusal))
         self._on_end = on_end or (lambda reason: _log.error("ROS 2: %s", reason))
         self._own_poses = poses is None
-        self._poses = poses or SharedPoses()
+        self._poses = poses or PoseMemory()
         self._parameters = {each.name: each for each in parameters}
         self._callers: dict[str, _Caller] = {}
         self._peer = _Caller(self, "/ros2")
@@ -209,23 +209,7 @@ class Ros2Node:
         self._ready: Future[dict[str, Any]] = Future()
         self._writer: asyncio.StreamWriter | None = None
         self._stop_mirroring: Callable[[], None] = lambda: None
-        packages: tuple[Path, ...] = ()
-        if build_messages:
-            packages = tuple(dict.fromkeys(build_message_packages(self.environment).values()))
-        variables = self.environment.variables(*packages)
-        variables.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", _RANGES[discovery])
-        variables.pop("PYTHONHOME", None)
-        ours, theirs = socket.socketpair()
-        program = Path(__file__).with_name("node_process.py")
-        self._process = subprocess.Popen(
-            (str(self.environment.python), "-u", str(program), str(theirs.fileno()), str(self._poses.fd)),
-            env=variables,
-            pass_fds=(theirs.fileno(), self._poses.fd),
-            stdin=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-        theirs.close()
+        ours, self._process = self._start_process(discovery, build_messages=build_messages)
         self._last_errors: deque[str] = deque(maxlen=20)
         self._log_reader = threading.Thread(target=self._read_log, name="mindstage-ros2-log", daemon=True)
         self._log_reader.start()
@@ -240,6 +224,29 @@ class Ros2Node:
         except BaseException:
             self.close()
             raise
+
+    def _start_process(
+        self, discovery: Discovery, *, build_messages: bool
+    ) -> tuple[socket.socket, subprocess.Popen[bytes]]:
+        """Starts the process; returns this side of the link to it."""
+        packages: tuple[Path, ...] = ()
+        if build_messages:
+            packages = tuple(dict.fromkeys(build_message_packages(self.environment).values()))
+        variables = self.environment.variables(*packages)
+        variables.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", _RANGES[discovery])
+        variables.pop("PYTHONHOME", None)
+        ours, theirs = socket.socketpair()
+        program = Path(__file__).with_name("node_process.py")
+        with theirs:
+            process = subprocess.Popen(
+                (str(self.environment.python), "-u", str(program), str(theirs.fileno()), str(self._poses.fd)),
+                env=variables,
+                pass_fds=(theirs.fileno(), self._poses.fd),
+                stdin=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                start_new_session=True,
+            )
+        return ours, process
 
     # -- any thread ----------------------------------------------------------------------------------------------------
 
@@ -489,7 +496,7 @@ _RANGES = {Discovery.LOCALHOST: "LOCALHOST", Discovery.SUBNET: "SUBNET", Discove
 @cache
 def _qos(type: str, *, latch: bool) -> Mapping[str, object]:
     """The quality of service of a topic, by the conventions of REP 2003 and of rclcpp's ClockQoS."""
-    short = type.split("/")[0], type.split("/")[-1]
+    short = type.partition("/")[0], type.rpartition("/")[2]
     if latch:
         return {"depth": 1, "reliable": True, "latched": True}
     if short == ("rosgraph_msgs", "Clock"):
