@@ -71,6 +71,14 @@ def layout(cls: Any) -> list[Any]:
     ]
 
 
+def wire_layout(fields: Any) -> Any:
+    """Returns a layout without differences that CDR does not have: signs, and whether eight bits are a number."""
+    signless = {"uint32": "int32", "octet": "uint8"}
+    return [
+        [name, signless.get(type_name, type_name), nested and wire_layout(nested)] for name, type_name, nested in fields
+    ]
+
+
 def _element(type_name: Any) -> tuple[str, bool]:
     """The type of the elements of an array, or the type itself, and whether it is an array."""
     if type_name.startswith("sequence<"):
@@ -372,7 +380,7 @@ class _Publication:
         self.topic = header["topic"]
         self._process = process
         self._type = interface_class(header["type"], "msg")
-        self._is_raw = layout(self._type) == header["layout"]
+        self._is_raw = wire_layout(layout(self._type)) == wire_layout(header["layout"])
         self.is_latched = header.get("latch", False)
         self._is_wanted = False
         self.entity = process.node.create_publisher(self._type, self.topic, _qos(header["qos"]))
