@@ -1,4 +1,4 @@
-"""Real rclpy clients of a simulation that is a node of ROS 2: services, topics, actions, parameters, killed processes."""
+"""Real rclpy clients of a simulation as a node of ROS 2: services, topics, actions, parameters, killed processes."""
 
 from __future__ import annotations
 

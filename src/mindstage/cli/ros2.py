@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,9 +19,8 @@ from mindstage.errors import InvalidArgumentError, Ros2Error
 from mindstage.ranges import DomainId
 
 if TYPE_CHECKING:
-    from mindstage.bridge import LocalNode, Refusal
+    from mindstage.bridge import Node, Refusal
     from mindstage.ros import RosInterface
-    from mindstage.ros2.served_simulation import ServedSimulation
     from mindstage.simulation import Simulation
 
 __all__ = ["NO_ROS2", "Ros2Options", "build_messages", "doctor", "ros2_commands"]
@@ -112,22 +112,26 @@ class Ros2Options(OptionGroup):
 
     def start(
         self,
+        resources: ExitStack,
         simulation: Simulation,
-        node: LocalNode,
+        node: Node,
         interface: RosInterface,
         *,
         on_refusal: Callable[[Refusal], object],
-    ) -> ServedSimulation:
-        """Starts the node, whose end is printed.
+    ) -> None:
+        """Starts the node with `--ros2`; its end is printed.
 
         Raises:
             Ros2Error: there is no ROS 2, or its process does not start.
         """
+        from mindstage.bridge import LocalNode
         from mindstage.ros2 import find_environment
         from mindstage.ros2.served_simulation import serve_simulation
 
+        if not self.ros2 or not isinstance(node, LocalNode):
+            return
         with progress_spinner("starting the node of ROS 2; its message packages are built once, which takes minutes"):
-            return serve_simulation(
+            served = serve_simulation(
                 simulation,
                 local_node=node,
                 interface=interface,
@@ -138,6 +142,7 @@ class Ros2Options(OptionGroup):
                 on_refusal=on_refusal,
                 on_end=lambda reason: warn(f"ROS 2: {reason}; start `mindstage serve --ros2` again"),
             )
+        resources.enter_context(served)
 
 
 NO_ROS2 = Ros2Options()

@@ -201,8 +201,7 @@ def serve(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
         )
         resources.callback(interface.close)
-        if ros2.ros2 and isinstance(node, LocalNode):
-            resources.enter_context(ros2.start(simulation, node, interface, on_refusal=refused.append))
+        ros2.start(resources, simulation, node, interface, on_refusal=refused.append)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
         output: dict[str, object] = {
             "ros2": ros2.ros2,
