@@ -52,7 +52,7 @@ class PackageRow(NamedTuple):
 @cache
 def package_rows() -> dict[str, PackageRow]:
     text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `([a-z_/]+)` \|.*\|(.*)\|$", text, re.MULTILINE)
+    rows = re.findall(r"^\| `([a-z0-9_/]+)` \|.*\|(.*)\|$", text, re.MULTILINE)
     return {
         name: PackageRow(rank, frozenset(re.findall(r"`([a-z_0-9]+)`", libraries)))
         for rank, (name, libraries) in enumerate(rows)

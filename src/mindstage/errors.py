@@ -747,6 +747,14 @@ class BridgeUnavailableError(BridgeError):
     cause: str
 
 
+class Ros2Error(BridgeError):
+    """ROS 2 is not installed, message packages cannot be built, or the process of the ROS 2 node has ended."""
+
+    template = "ROS 2: {cause}; {remedy}"
+    cause: str = field(kw_only=False)
+    remedy: str = "see `mindstage ros2 doctor`"
+
+
 class AuthenticationError(BridgeError):
     """A token is required, and none or an invalid one was sent."""
 

@@ -108,6 +108,8 @@ Index = Annotated[int, Meta(ge=0, le=2**53)]
 Count = Annotated[int, Meta(ge=1, le=2**53)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Port = Annotated[int, Meta(ge=0, le=65535)]
+DomainId = Annotated[int, Meta(ge=0, le=232)]
+"""A domain of DDS whose ports are valid (RTPS 2.5, 9.6.2)."""
 Pixels = Annotated[int, Meta(ge=1, le=16384)]
 PictureSize = tuple[Pixels, Pixels]
 

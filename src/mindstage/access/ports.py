@@ -6,11 +6,12 @@ import errno
 import os
 from collections.abc import Sequence
 from contextlib import suppress
+from enum import StrEnum
 from pathlib import Path
 
 from mindstage.access.limits import PORT_TRIES
 
-__all__ = ["PAGE_PORT", "ROSBRIDGE_PORT", "is_taken", "moved_text", "ports_to_try", "unavailable_text"]
+__all__ = ["PAGE_PORT", "ROSBRIDGE_PORT", "Discovery", "is_taken", "moved_text", "ports_to_try", "unavailable_text"]
 
 PAGE_PORT = 8080
 """The default port of the page."""
@@ -19,6 +20,15 @@ ROSBRIDGE_PORT = 9090
 _LISTENING = "0A"
 _LOCAL_ADDRESS, _STATE, _INODE = 1, 3, 9
 """Columns of `/proc/net/tcp` (proc_net_tcp in the kernel's documentation)."""
+
+
+class Discovery(StrEnum):
+    """How far participants of ROS 2 find each other (ROS_AUTOMATIC_DISCOVERY_RANGE)."""
+
+    LOCALHOST = "localhost"
+    SUBNET = "subnet"
+    SYSTEM = "system"
+    """The middleware's own default."""
 
 
 def ports_to_try(port: int | None, *, default: int) -> Sequence[int]:

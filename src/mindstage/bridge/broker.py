@@ -118,6 +118,8 @@ class Peer(ABC):
         """Whether no operations are received from it, since too many of its calls are pending."""
         self.visitor: Visitor | None = None
         """Where its connection comes from; None for a node of this process."""
+        self.needs_messages = False
+        """Whether the values of a failed call have to be a message of its type, since it has no place for a text."""
         self.level = StatusLevel.ERROR
         """Severity of the status messages that it receives."""
 
@@ -375,7 +377,8 @@ class ActionRouter:
             return
         self._end_goal(result.id, goal)
         if goal.caller is not None:
-            values = _reason(result) or content(result.values)
+            values = content(result.values)
+            values = values if goal.caller.needs_messages else _reason(result) or values
             forwarded = ActionResult(
                 id=goal.id, action=goal.name, values=values, status=result.status, result=result.result
             )
@@ -560,7 +563,7 @@ class ServiceRouter:
             unknown = ServiceNotFoundError(call.service, known=self.providers.names)
             _send_error_response(caller, call.service, call.id, reply_format, str(unknown))
         elif (response := provider.peer.answer(call, caller)) is not None:
-            caller.deliver(MessageEncoder(_checked(response, provider, call)), reply_format)
+            caller.deliver(MessageEncoder(_checked(response, provider, call, caller)), reply_format)
         elif self.providers.request_count(caller) < self._limits.calls or provider.peer.is_local or caller.is_local:
             self._forward(caller, call, provider, reply_format)
         else:
@@ -574,7 +577,7 @@ class ServiceRouter:
             return
         self._end(response.id, call)
         if call.caller is not None:
-            forwarded = _checked(response, call.provider, call)
+            forwarded = _checked(response, call.provider, call, call.caller)
             call.caller.deliver(MessageEncoder(forwarded), call.reply_format)
 
     def remove_peer(self, peer: Peer) -> None:
@@ -629,12 +632,12 @@ class ServiceRouter:
             caller.set_paused(False)
 
 
-def _checked(response: ServiceResponse, provider: Provider, call: CallService | _Call) -> ServiceResponse:
+def _checked(response: ServiceResponse, provider: Provider, call: CallService | _Call, caller: Peer) -> ServiceResponse:
     """Returns the response as the caller receives it; if it is not an object, the provider receives a status."""
     values = content(response.values)
     name = call.service if isinstance(call, CallService) else call.name
     if not response.result or bytes(memoryview(values)[:1]) in (b"{", b"["):
-        values = _reason(response) or values
+        values = values if caller.needs_messages else _reason(response) or values
         return ServiceResponse(id=call.id, service=name, values=values, result=response.result)
     text = f"the response of {provider.name} is not an object"
     provider.peer.send_status(StatusLevel.ERROR, text, response.id)
@@ -804,11 +807,12 @@ class TopicRouter:
             return MessageEncoder(operation)
         try:
             decoded = _decode(_registered_type(topic.type), message.msg)
-            raw = write_cbor_raw(queue.name, serialize(decoded, ros=self.ros), time_s=self.now())
+            data = serialize(decoded, ros=self.ros)
+            raw = write_cbor_raw(queue.name, data, time_s=self.now())
         except MessageValidationError as error:
             queue.send_status(StatusLevel.ERROR, f"a message on {queue.name} cannot be serialized: {error}")
             return None
-        return MessageEncoder(operation, raw=raw)
+        return MessageEncoder(operation, raw=raw, serialized=data)
 
     def _topic(self, name: str) -> Topic:
         return self._topics.setdefault(resolve_name(name), Topic(resolve_name(name)))

@@ -99,12 +99,19 @@ class Subscription:
     """A subscription to a topic, until `close`."""
 
     def __init__(
-        self, request: Subscribe, handler: MessageHandler, close: Callable[[Subscription], None], *, with_sender: bool
+        self,
+        request: Subscribe,
+        handler: MessageHandler,
+        close: Callable[[Subscription], None],
+        *,
+        with_sender: bool,
+        usual_type: str | None = None,
     ) -> None:
         self.request = request
         self.handler = handler
         self.is_async = iscoroutinefunction(handler)
         self.with_sender = with_sender
+        self.usual_type = usual_type
         self._close = close
 
     @property
@@ -351,6 +358,7 @@ class Node:
         queue_length: Index = 0,
         compression: Compression = Compression.NONE,
         with_sender: bool = False,
+        usual_type: str | None = None,
         policy: Policy | None = None,
     ) -> Subscription:
         """Subscribes to a topic.
@@ -363,6 +371,7 @@ class Node:
             queue_length: number of messages that the sender keeps while it throttles; it drops the oldest.
             compression: encoding of the messages.
             with_sender: whether the handler is also called with the `MessageSender`.
+            usual_type: the type in ROS 2, where a topic has one, if several are accepted here.
             policy: the limits of the messages of clients of this process; those of an edit by default.
 
         Raises:
@@ -381,6 +390,7 @@ class Node:
             handler,
             lambda subscription: self._loop.call(self._unsubscribe, subscription),
             with_sender=with_sender,
+            usual_type=usual_type or type,
         )
 
         def subscribe() -> None:
@@ -541,6 +551,7 @@ class LocalNode(Node):
         self.broker = Broker(self._loop.loop, limits)
         """The broker; it belongs to the loop."""
         self._starting = 0
+        self._mirrors: list[Callable[[Operation], None]] = []
         self._local_peer = _LocalPeer(resolve_name(name), self)
         self._loop.call(self.broker.add_peer, self._local_peer)
 
@@ -548,6 +559,28 @@ class LocalNode(Node):
     def name(self) -> str:
         """Name of this node in the graph."""
         return self._local_peer.name
+
+    def mirror(self, tell: Callable[[Operation], None]) -> Callable[[], None]:
+        """Calls a function, on the loop, with each operation by which this node advertises, withdraws or subscribes.
+
+        It is called with those that hold now before this returns. A topic whose messages may have several types has the
+        usual one.
+
+        Returns:
+            A function that ends it.
+        """
+
+        def begin() -> None:
+            self._mirrors.append(tell)
+            for operation in list(self._advertisements.values()):
+                tell(self._with_type(operation))
+
+        self._loop.call(begin)
+        return lambda: self._mirrors.remove(tell) if tell in self._mirrors else None
+
+    def call_soon(self, function: Callable[..., object], *args: object) -> None:
+        """Calls a function on the loop, from any thread, without waiting."""
+        self._loop.call_soon(function, *args)
 
     @property
     def is_starting(self) -> bool:
@@ -612,3 +645,21 @@ class LocalNode(Node):
 
     def _send(self, operation: Operation) -> None:
         self.broker.handle(self._local_peer, operation)
+
+    def _advertise(self, key: Hashable, operation: Operation) -> None:
+        super()._advertise(key, operation)
+        for tell in self._mirrors:
+            tell(self._with_type(operation))
+
+    def _unadvertise(self, key: Hashable, operation: Operation) -> None:
+        if key in self._advertisements:
+            for tell in self._mirrors:
+                tell(operation)
+        super()._unadvertise(key, operation)
+
+    def _with_type(self, operation: Operation) -> Operation:
+        if not isinstance(operation, Subscribe) or operation.type is not None:
+            return operation
+        handlers = self._subscriptions[resolve_name(operation.topic)]
+        usual = next((each.usual_type for each in handlers if each.request is operation), None)
+        return msgspec.structs.replace(operation, type=usual)

@@ -548,15 +548,17 @@ class MessageDecoder:
 class MessageEncoder:
     """An operation to be sent; each of its encodings is computed when it is first needed, and cached."""
 
-    __slots__ = ("_data", "_frames", "_raw", "operation")
+    __slots__ = ("_data", "_frames", "_raw", "operation", "serialized")
 
-    def __init__(self, operation: Operation, *, raw: bytes | None = None) -> None:
+    def __init__(self, operation: Operation, *, raw: bytes | None = None, serialized: bytes = b"") -> None:
         """Creates the encoder.
 
         Args:
             raw: its frame in the compression `cbor-raw`, if that differs from `cbor`.
+            serialized: the message in that frame.
         """
         self.operation = operation
+        self.serialized = serialized
         self._raw = raw
         self._data = b""
         self._frames: dict[tuple[Compression, int | None], tuple[Frame, ...]] = {}

@@ -33,6 +33,7 @@ _ALIASES = {"analyse": "analyze", "furnish": "place"}
 _GROUP_HELP = {
     "episode": "Describe, repair, export and import recorded episodes.",
     "generate": "Generate maps of places that exist nowhere.",
+    "ros2": "Check ROS 2 on this machine, and build the message packages that it lacks.",
 }
 """Help texts of verbs with verbs of their own, such as `mindstage episode info`."""
 

@@ -35,6 +35,7 @@ from mindstage.cli.output import (
     shortcomings,
     warn,
 )
+from mindstage.cli.ros2 import NO_ROS2, Ros2Options, ros2_commands
 from mindstage.cli.setup import findings_about, knowledge_base, make_engine, simulation_from_options
 from mindstage.cli.viewer import ServerAccess, open_viewer, server_access
 from mindstage.errors import InvalidArgumentError
@@ -170,6 +171,7 @@ def serve(
     episodes: Episodes = None,
     robot: RobotSources = None,
     options: MapSpawning = DEFAULT_SPAWN,
+    ros2: Ros2Options = NO_ROS2,
     paused: Paused = False,
     with_viewer: WithViewer = False,
     viewer_port: ViewerPort = None,
@@ -181,6 +183,7 @@ def serve(
     from mindstage.ros import RosInterface, RosVersion
 
     _check_options(context, connect=connect, tls_authorities=tls_authorities, namespace=namespace, worlds=worlds)
+    ros2.check(context, connect=connect)
     access = server_access(replace(server, token=None) if connect else server, origins=origins or [])
     running, quitting = make_engine(options.engine), threading.Event()
     knowledge, world = _load_knowledge(maps, options)
@@ -198,8 +201,15 @@ def serve(
             simulation, node, namespace=namespace, ros=ros, folder=worlds, episodes=episodes, on_quit=quitting.set
         )
         resources.callback(interface.close)
+        ros2.start(resources, simulation, node, interface, on_refusal=refused.append)
         url = _start_server(resources, node, port, access) if isinstance(node, LocalNode) else str(connect)
-        output: dict[str, object] = {"url": url, "namespace": namespace, "engine": simulation.engine.name, **spawned}
+        output: dict[str, object] = {
+            "ros2": ros2.ros2,
+            "url": url,
+            "namespace": namespace,
+            "engine": simulation.engine.name,
+            **spawned,
+        }
         if with_viewer:
             output["viewer"] = _serve_viewer(resources, simulation, viewer_port, access)
         _answer_queries(simulation, page=output.get("viewer", ""))
@@ -326,6 +336,11 @@ def _announce(summary: dict[str, object], *, connected: bool, seconds: float | N
         print_line(f"The world is served at {summary['viewer']}")
     verb = "Connected to" if connected else "Listening at"
     print_line(f"{verb} {summary['url']}; services are below /{summary['namespace']}")
+    if summary["ros2"]:
+        space = "/".join(("", *filter(None, str(summary["namespace"]).split("/"))))
+        print_line("In ROS 2, try:")
+        for command in ros2_commands(space):
+            print_line(f"  {command}")
     print_line("Press Ctrl-C to exit." if seconds is None else f"Exits after {seconds:g} s.")
 
 

@@ -35,8 +35,13 @@ __all__ = [
     "action_type",
     "action_types",
     "definition_text",
+    "field_layout",
+    "interface_text",
+    "is_ros1_only",
     "message_type",
     "message_types",
+    "packages",
+    "packages_in",
     "service_type",
     "service_types",
     "type_definitions",
@@ -183,6 +188,53 @@ def definition_text(cls: Any, *, ros: RosVersion = RosVersion.TWO) -> str:
     return "".join([_text(first, ros), *texts])
 
 
+def interface_text(cls: Any, *, ros: RosVersion = RosVersion.TWO) -> str:
+    """Returns one message as a `.msg` file; in ROS 2, field names are in lower case, as rosidl requires."""
+    return _text(cls, ros) if ros is RosVersion.ONE else _text(cls, ros, lower=True)
+
+
+def packages() -> tuple[str, ...]:
+    """Returns the names of all packages."""
+    return tuple(sorted(_generated.__all__))
+
+
+def packages_in(cls: Any, *, ros: RosVersion = RosVersion.TWO) -> frozenset[str]:
+    """Returns the packages of the messages that a message consists of."""
+    nested = (field.message for _, field in _fields(cls, ros) if field.message)
+    return frozenset(short_name(each, ros).partition("/")[0] for each in nested)
+
+
+@cache
+def field_layout(cls: Any) -> tuple[tuple[str, str, Any], ...]:
+    """Returns the fields of a message in ROS 2 as `get_fields_and_field_types` of rclpy names them.
+
+    Each is its name, its type, and for a message the layout of that, else None.
+    """
+    return tuple(
+        (name.lower(), _rclpy_type(field), field_layout(field.message) if field.message else None)
+        for name, field in _fields(cls, RosVersion.TWO)
+    )
+
+
+def _rclpy_type(field: FieldInfo) -> str:
+    names = {"bool": "boolean", "byte": "octet", "char": "uint8", "float32": "float", "float64": "double"}
+    element = _field_type(field, RosVersion.TWO)
+    element = names.get(element, element)
+    if field.length is None:
+        return element
+    return f"{element}[{field.length}]" if field.length else f"sequence<{element}>"
+
+
+@cache
+def is_ros1_only(name: str) -> bool:
+    """Whether a type exists only in ROS 1, or is that of a service of a rosbridge: actionlib's, and rosapi's."""
+    package = name.partition("/")[0]
+    if package in {"actionlib_msgs", "rosapi", "rosapi_msgs", "move_base_msgs"}:
+        return True
+    short = f"{package}/{name.rpartition('/')[2]}"
+    return any(short == type_name(topic) for action in _classes(Action) for topic in _action_topics(action))
+
+
 def _definition(cls: Any, ros: RosVersion) -> TypeDef:
     fields = list(_fields(cls, ros))
     constants = list(constants_of(cls))
@@ -197,12 +249,12 @@ def _definition(cls: Any, ros: RosVersion) -> TypeDef:
     )
 
 
-def _text(cls: Any, ros: RosVersion) -> str:
+def _text(cls: Any, ros: RosVersion, *, lower: bool = False) -> str:
     constant_type = next((field.primitive for field in fields_of(cls) if field.enum), "uint8")
     lines = [f"{constant_type} {name}={value}" for name, value in constants_of(cls)]
     for name, field in _fields(cls, ros):
         length = "" if field.length is None else f"[{field.length or ''}]"
-        lines.append(f"{_field_type(field, ros)}{length} {name}")
+        lines.append(f"{_field_type(field, ros)}{length} {name.lower() if lower else name}")
     return "".join(f"{line}\n" for line in lines)
 
 

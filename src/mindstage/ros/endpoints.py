@@ -152,7 +152,9 @@ class Endpoints:
             handler(decode_request(other if is_other else type, message))
 
         expected = None if is_open else type_name(type, self.ros)
-        self._subscriptions.append(self._node.subscribe(topic, on_message, type=expected, policy=policy))
+        self._subscriptions.append(
+            self._node.subscribe(topic, on_message, type=expected, usual_type=type_name(type, self.ros), policy=policy)
+        )
 
     def publisher(self, name: str, type: type[M], *, latch: bool = False) -> Publisher[M]:
         """Announces a topic.

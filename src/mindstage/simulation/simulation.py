@@ -178,6 +178,7 @@ class Simulation:
         self._highlights = Highlights()
         self.markers = MarkerStore(lambda function, label: self.engine.run(lambda _: function(), label=label))
         self._caught: type[BaseException] = BaseException if threaded else Exception  # Ctrl-C is not a fault
+        self._state_callbacks: tuple[Callable[[StateSnapshot], None], ...] = ()
         self.observers = Observers(on_fault=self._on_fault, caught=self._caught)
         self._controllers = ControllerSchedule(caught=self._caught)
         self.robots = SimulatedRobots(self._controllers)
@@ -230,6 +231,21 @@ class Simulation:
             paused = {} if playing or not state.playing else {"playing": False, "speed": 1.0, "real_time_factor": 0.0}
             shown = self._shown_state = state, replace(state, error=error, **paused)
         return shown[1]
+
+    def on_state(self, callback: Callable[[StateSnapshot], None]) -> Callable[[], None]:
+        """Calls a function with each published state, before the call that led to it returns.
+
+        It is called in the engine thread, and must be quick and not raise.
+
+        Returns:
+            A function that ends it.
+        """
+        self._state_callbacks = (*self._state_callbacks, callback)
+
+        def remove() -> None:
+            self._state_callbacks = tuple(each for each in self._state_callbacks if each is not callback)
+
+        return remove
 
     @property
     def geometry(self) -> GeometryMap:
@@ -1287,6 +1303,8 @@ class Simulation:
             self.engine.error, self._clock, self._error = error, None, str(error)
             self._state = msgspec.structs.replace(self._state, playing=False, error=self._error)
             raise
+        for callback in self._state_callbacks:
+            callback(self._state)
         if self.observers:
             pending = self._is_rebuild_pending()
             self.observers.publish(self._state, self._engine, edited=edits, rebuild_pending=pending)
