@@ -478,8 +478,7 @@ class _PartMotionSearch:
         """Why there is nothing at which the part can be grasped or pushed."""
         part = self.part
         if way is PartContact.HANDLE and part.handle is None:
-            free = "is only ajar" if self.openness > 0.0 else "is closed"
-            return f"it has no handle, and no edge of it is free while it {free}"
+            return f"it has no handle, and no edge of it is free while it is {max(self.openness, 0.0):.0%} open"
         gripper, size = self.hand.gripper, self.surroundings.body(part.handle or part.id).size or (0.0,)
         what = "its handle" if way is PartContact.HANDLE else "its edge"
         width_m, opening_m = min(size), gripper.max_opening_m
