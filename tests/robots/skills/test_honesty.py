@@ -210,6 +210,27 @@ def _slide(id: str, **limits: float) -> Joint:
     )  # fmt: skip
 
 
+def test_a_door_that_slides_along_its_front_is_opened_from_before_it(tmp_path: Path) -> None:
+    world = kitchenette()
+    slide = msgspec.structs.replace(
+        _slide("FridgeSlide", limit=0.4), linear=LinearLimits(y=AxisMotion.LIMITED, limit=0.4)
+    )
+    rest = [each for each in world.joints if each.id != "FridgeHinge"]
+    world = msgspec.structs.replace(world, joints=(*rest, slide))
+    pointing: list[float] = []
+
+    def look(step: SkillStep) -> None:
+        if step.name == "close gripper":
+            pointing.append(float(quat_rotate(robot.grasp_pose()[3:], (1.0, 0.0, 0.0))[0]))
+
+    with opened(world, tmp_path) as robot:
+        result = perform(robot, "open", "FridgeDoor", on_step=look)
+        openness = robot.session.joint("FridgeDoor").openness
+    assert result, result.reason
+    assert openness > 0.94
+    assert min(pointing) > 0.95  # not along its motion, where its neighbors are
+
+
 def test_a_door_with_two_joints_concerns_only_skills_about_that_door(tmp_path: Path) -> None:
     with opened(with_joint(kitchenette(), _slide("SecondSlide", limit=0.2)), tmp_path) as robot:
         assert can_open(robot, "Drawer")

@@ -54,6 +54,9 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING, _DIAGONAL_FACING = 0.7, 0.4
 """Least cosine between the direction of approach and the inward direction of the part."""
+_ALONG, _TOUCHING_M = 0.5, 0.001
+"""Largest cosine between the motion of a part that slides along its front and the direction across its thinnest side, and
+least distance of its handle from its middle plane [m]."""
 _LEVEL_M = 0.05
 """A handle whose height changes by less is on a door with a vertical axis."""
 BACK_M = {True: 0.1, False: 0.06}
@@ -318,6 +321,8 @@ class _PartMotionSearch:
         outward = near[1][:3] - near[0][:3]
         self.outward = outward / np.linalg.norm(outward)
         """Unit vector: where the handle moves when the part opens, at the start."""
+        self.front = self._front()
+        """Unit vector: from where a hand comes to the handle, out of the front of the part."""
         self.openness = (start - joint.closed_position) / span
         self.is_closing = (target - start) * span < 0.0
         self.is_level = float(np.ptp(self.handles[:, 2])) < _LEVEL_M
@@ -371,6 +376,21 @@ class _PartMotionSearch:
     def _handle_at(self, position: float) -> Array:
         return pose_multiply(self._part_pose_at(position), self.handle_in_part)
 
+    def _front(self) -> Array:
+        """Where it opens to; of a door that slides along its front, the side across it on which the handle is."""
+        size = self.surroundings.body(self.part.id).size
+        if not self.part.joint.is_prismatic or size is None:
+            return self.outward
+        thin = int(np.argmin(size))
+        across = quat_rotate(self.part_poses[0, 3:], np.eye(3)[thin])
+        if abs(float(across @ self.outward)) > _ALONG:
+            return self.outward
+        offset = float(self.handle_in_part[thin])
+        if abs(offset) < _TOUCHING_M:  # it has no handle in front of it
+            here = np.array([*self.hand.robot.base_pose()[:2], self.part_poses[0, 2]])
+            offset = float((here - self.part_poses[0, :3]) @ across)
+        return np.asarray(across * np.sign(offset))
+
     def _moved_door(self) -> dict[BodyId, Array]:
         """Where a door with a vertical axis, which may shut in the base, and its handle are on the path; else empty."""
         if self.part.joint.is_prismatic or not self.is_level:
@@ -395,7 +415,7 @@ class _PartMotionSearch:
         pose = self.handles[0]
 
         def facing(grasp: Grasp) -> float:
-            return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ self.outward)
+            return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ self.front)
 
         grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
         grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
