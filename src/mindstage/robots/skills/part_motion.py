@@ -54,9 +54,14 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING, _DIAGONAL_FACING = 0.7, 0.4
 """Least cosine between the direction of approach and the inward direction of the part."""
-_ALONG, _TOUCHING_M = 0.5, 0.001
-"""Largest cosine between the motion of a part that slides along its front and the direction across its thinnest side, and
-least distance of its handle from its middle plane [m]."""
+_WIDE = 0.5
+"""A handle is rather grasped where it is narrower than this part of the opening: not a bar by its two ends."""
+_PANEL = 0.15
+"""A part is a panel, rather than a drawer, if its thickness is less than this part of its other sides."""
+_ALONG = 0.5
+"""Largest cosine between the motion of a panel that slides along its front and the direction across it."""
+_TOUCHING_M = 0.001
+"""A handle is in front of a panel if it is farther from its middle plane."""
 _LEVEL_M = 0.05
 """A handle whose height changes by less is on a door with a vertical axis."""
 BACK_M = {True: 0.1, False: 0.06}
@@ -381,9 +386,9 @@ class _PartMotionSearch:
         size = self.surroundings.body(self.part.id).size
         if not self.part.joint.is_prismatic or size is None:
             return self.outward
-        thin = int(np.argmin(size))
+        thin, (thickness_m, width_m, _) = int(np.argmin(size)), sorted(size)
         across = quat_rotate(self.part_poses[0, 3:], np.eye(3)[thin])
-        if abs(float(across @ self.outward)) > _ALONG:
+        if thickness_m > _PANEL * width_m or max(abs(float(across @ self.outward)), abs(float(across[2]))) > _ALONG:
             return self.outward
         offset = float(self.handle_in_part[thin])
         if abs(offset) < _TOUCHING_M:  # it has no handle in front of it
@@ -418,7 +423,10 @@ class _PartMotionSearch:
             return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ self.front)
 
         grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
-        grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
+        wide_m = _WIDE * hand.gripper.max_opening_m
+        grasps.sort(
+            key=lambda each: (not each.is_whole, each.width_m > wide_m, not each.is_central, -round(facing(each), 2))
+        )
         diagonals = diagonal_grasps_of(body, geometry, hand.gripper, hand.shape)
         return [*grasps, *(each for each in diagonals if facing(each) >= _DIAGONAL_FACING)]
 
