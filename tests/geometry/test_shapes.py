@@ -82,6 +82,14 @@ def test_a_case_is_open_at_the_front_with_shelves_at_its_levels() -> None:
     assert not is_solid_at(geometry, 0.0, 0.0, 0.1001)
 
 
+def test_a_tall_shelf_has_its_boards_where_its_contents_stand() -> None:
+    geometry = build_geometry(template_by_name("shelf", {"levels": [-0.4, 0.2]}), (0.4, 0.8, 1.8))
+    inside = sorted(surface.center[2] for surface in geometry.support_surfaces if surface.is_inside)
+    assert inside == pytest.approx([-0.87, -0.4, 0.2])
+    assert is_solid_at(geometry, 0.0, 0.0, 0.1999)
+    assert not is_solid_at(geometry, 0.0, 0.0, 0.2001)
+
+
 def test_the_floor_of_a_case_extends_to_a_level_just_above_it() -> None:
     geometry = build_geometry(template_by_name("case", {"levels": [-0.375]}), (0.4, 0.6, 0.8))
     assert [surface.center[2] for surface in geometry.support_surfaces if surface.is_inside] == [-0.375]

@@ -76,6 +76,14 @@ def test_what_people_carry_is_loose_if_it_stands_on_something(tmp_path: Path) ->
     assert "4 bodies near, sunk, inside, stacked" in assumption.evidence
 
 
+def test_what_is_on_the_boards_of_a_shelf_is_loose(tmp_path: Path) -> None:
+    """A map has the shelf as one box; its boards get where the things stand."""
+    shelf = body("shelf", "Bookshelf", (0.0, 0.0, 0.9), (1.0, 0.4, 1.8))
+    knowledge = read(tmp_path, shelf, cup("on_a_board", 0.1, 0.5), cup("in_front", 0.7, 0.5))
+    found = mobilities(knowledge)
+    assert (found["on_a_board"], found["in_front"]) == (Mobility.DYNAMIC, None)
+
+
 def test_what_is_in_a_cupboard_is_loose_at_any_height_and_in_a_drawer_on_its_bottom_board(tmp_path: Path) -> None:
     knowledge = read(
         tmp_path,

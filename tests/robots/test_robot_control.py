@@ -530,6 +530,20 @@ def test_fingers_are_not_faster_than_their_limit_when_what_they_press_slips_out(
     assert 0.3 * limit < max(speeds) <= limit  # they do close farther
 
 
+def test_fingers_whose_description_states_a_huge_effort_are_as_fast_as_others(
+    sim: Simulation, model: RobotModel
+) -> None:
+    """That of PR2 states 1000 N m; its fingers took 43 s."""
+    name = model.grippers[0].joints[0]
+    joints = tuple(replace(each, effort=60_000.0) if each.name == name else each for each in model.joints)
+    robot = add_robot(sim, replace(model, joints=joints))
+    for opening_m in (0.12, 0.0):
+        start_s = sim.state.time_s
+        assert robot.run(robot.gripping("", opening_m))
+        assert sim.state.time_s - start_s < 3.0
+        assert robot.opening() == pytest.approx(opening_m, abs=0.002)
+
+
 # -- the simulation ----------------------------------------------------------------------------------------------------
 
 

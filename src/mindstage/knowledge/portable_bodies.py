@@ -34,8 +34,8 @@ _MAX_GAP_M = 0.02
 """A body rests on another one if the distance from its lower side is at most this [m]."""
 _MAX_BOARD_M = 0.02
 """Thickness of the bottom of a drawer or a basket, on which a body in it rests, besides the distance [m]."""
-_CASE_SHAPE = "case"
-"""The shape of furniture with shelves."""
+_SHELF_SHAPES = ("case", "shelf")
+"""The shapes of furniture with shelves."""
 _MIN_INSIDE = 0.95
 """Part of a body that is inside of a cupboard."""
 _MIN_COMMON_AREA_M2 = 1e-6
@@ -98,7 +98,7 @@ def _supported(world: World, portable: list[Body], rule_of: Callable[[Iri], Shap
     sizes = np.array([each.size or rule_of(each.cls).size or (0.0, 0.0, 0.0) for each in bodies], dtype=float)
     boxes = OrientedBoxes.from_poses(poses, sizes)
     (low, high), polygons, asked = boxes.bounds(), footprints(boxes), {each.id for each in portable}
-    is_case = np.array([rule_of(each.cls).shape_type == _CASE_SHAPE for each in bodies], dtype=bool)
+    is_case = np.array([rule_of(each.cls).shape_type in _SHELF_SHAPES for each in bodies], dtype=bool)
     is_asked = np.array([each.id in asked for each in bodies], dtype=bool) & sizes.all(axis=1)
     any_body, found = np.ones(len(bodies), dtype=bool), set[BodyId]()
     for first, second in overlapping_pairs(boxes, is_asked, any_body, margin=(0.0, 0.0, _MAX_GAP_M)):

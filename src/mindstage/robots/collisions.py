@@ -36,9 +36,8 @@ _SELF_CLEARANCE_M = 0.0015
 """Distance that a robot's own links keep from each other [m]; a graze would hold the arm back."""
 _FITTED_CLEARANCE_M = -0.0005
 """Links that are nearer than that in the folded pose, such as those of a telescope, may come so near."""
-_NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.003, 2
-"""Links with at most so many joints between them may come so near: their hulls overlap a little where their meshes do
-not."""
+_NEIGHBOR_CLEARANCE_M, _NEIGHBOR_JOINTS = -0.0005, 2
+"""Links with at most so many joints between them may come so near: more than a graze would hold the arm back."""
 _TOUCH_M = 0.001
 """Distance at which a gripper counts as touching something [m]."""
 _MAX_TRAVEL_M, _MAX_HELD_M = 2.0, 2.0

@@ -421,9 +421,7 @@ class GripperGoal(MotionGoal):
         self._opening_m, self._force_n = opening_m, force_n
         closed, opened = np.array(gripper.closed_positions), np.array(gripper.open_positions)
         self._target = closed + opening_m / gripper.max_opening_m * (opened - closed)
-        travel = np.maximum(np.abs(opened - closed), 1e-9)
-        # By virtual work: the effort of a drive times its travel is the force times its part of the opening.
-        ratio = gripper.max_opening_m / len(drives) / travel
+        ratio = np.array(gripper.levers)
         efforts = np.minimum(force_n * ratio, [each.effort_limit for each in drives])
         self._lead = efforts / np.array([each.stiffness for each in drives])
         self._lags_s = np.array([each.lag_s for each in drives])

@@ -4,7 +4,8 @@ A description states the largest effort of a joint, but not how its drive is con
 a small error takes the largest effort, as with industrial drives, and the damping so that a joint does not overshoot
 with the inertia of everything that it moves when the robot is added. Fingers press all the time with what bends this
 spring, so that the largest effort alone must not take them beyond their velocity limit when what they hold slips out:
-theirs is damped as a motor is, whose effort vanishes at its no-load speed.
+theirs is damped as a motor is, whose effort vanishes at its no-load speed. That effort is the one with which the
+fingers grip: damping for more would only make them slow.
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ _EFFORT_MARGIN = 3.0
 _MIN_EFFORTS = {True: 50.0, False: 10.0}
 """Least effort of a drive whose description has none, of a prismatic [N] or revolute joint [N m]."""
 _FREE_SPEED = 0.9
-"""Part of its velocity limit at which the damping of a finger takes its largest effort."""
+"""Part of its velocity limit at which the damping of a finger takes the effort with which it grips."""
+_GRIP_MARGIN = 30.0
+"""The effort of a finger is at most so many times that with which it grips: descriptions state 1000 N m for some."""
 _LINK_MASS_KG = 0.5
 """Mass of a link without one, only for the choice of stiffness and damping."""
 _BASE_ERRORS = (0.01, 0.01, 0.015)
@@ -215,9 +218,10 @@ def drives_of(model: RobotModel, placed: RobotWorld, *, name: str) -> RobotDrive
         moved = frozenset(placed.link_ids[link] for link in links_moved_by(model, joint))
         record = joints[placed.joint_ids[joint.name]]
         inertia, load = _inertia_and_load(record, [bodies[id] for id in moved], masses)
-        force_n = max((each.max_force_n for each in model.grippers if joint.name in each.joints), default=0.0)
+        using = [each for each in model.grippers if joint.name in each.joints]
+        grip = max((each.max_force_n * each.levers[each.joints.index(joint.name)] for each in using), default=0.0)
         drives[joint.name] = _joint_drive(
-            joint, record, placed.zero.get(joint.name, 0.0), moved, inertia, load, joint.name in fingers, force_n
+            joint, record, placed.zero.get(joint.name, 0.0), moved, inertia, load, joint.name in fingers, grip
         )
     moments = [each.effort_limit for each in drives.values() if not each.is_prismatic]
     held = _BASE_TORQUE_MARGIN * min(max(moments, default=0.0), _MAX_HELD_MOMENT)
@@ -301,18 +305,17 @@ def _joint_drive(
     inertia: float,
     load: float,
     is_finger: bool,
-    finger_force_n: float,
+    grip_effort: float,
 ) -> JointDrive:
     is_prismatic = joint.is_prismatic
     effort = joint.effort or max(_MIN_EFFORTS[is_prismatic], _EFFORT_MARGIN * load)
     errors, frequency, least_damping = _FULL_EFFORT_ERRORS, _MAX_FREQUENCY, 0.0
     if is_finger:
         errors, frequency = _FINGER_FULL_EFFORT_ERRORS, _MAX_FINGER_FREQUENCY_RAD_S
-        if not joint.effort:
-            effort = 2.0 * finger_force_n * (1.0 if is_prismatic else 0.1)
+        effort = min(joint.effort or math.inf, _GRIP_MARGIN * grip_effort)
     stiffness = effort / errors[is_prismatic]
     if is_finger and joint.velocity:
-        least_damping = effort / (_FREE_SPEED * joint.velocity)
+        least_damping = min(effort, grip_effort) / (_FREE_SPEED * joint.velocity)
     # MuJoCo integrates an effort at its limit explicitly: within a step it must not take a finger beyond that speed.
     total = max(inertia + joint.armature, stiffness / frequency**2, least_damping * _PHYSICS_STEP_S)
     return JointDrive(

@@ -17,6 +17,8 @@ from mindstage.robots import add_robot, find_robot
 from mindstage.robots.robot import Robot
 from mindstage.robots.skill_task import SkillTask
 from mindstage.robots.skills import SkillOutcome, SkillResult, SkillStep, can_open, start_skill
+from mindstage.robots.skills.doors import moving_part
+from mindstage.robots.skills.manipulator import with_lift
 from mindstage.scene import (
     AngularLimits,
     Attachment,
@@ -33,6 +35,7 @@ from mindstage.scene import (
 from mindstage.scene.edits import SetPoses
 from mindstage.scene.transforms import quat_rotate
 from tests.kitchenette import kitchenette
+from tests.robots.models.installed import known_model
 from tests.robots.rooms import box, robot_in
 
 
@@ -136,6 +139,7 @@ def room() -> Iterator[Robot]:
         box("mug", (1.0, 0.0, 0.76), (0.06, 0.06, 0.12), Mobility.DYNAMIC, 0.2),
         box("block", (1.05, 0.48, 0.78), (0.16, 0.16, 0.16), Mobility.DYNAMIC, 0.3),
         box("card", (0.98, -0.4, 0.7015), (0.085, 0.054, 0.003), Mobility.DYNAMIC, 0.01),
+        box("vase", (1.05, -0.6, 0.76), (0.06, 0.06, 0.12)),
     )
     with robot_in(*bodies, floor=(4.0, 4.0), at=(0.45, 0.0, 0.0)) as robot:
         robot.session.step(0.2)
@@ -171,12 +175,60 @@ def test_what_is_too_wide_is_not_picked_up_and_the_reason_has_both_widths(room: 
     assert "0.160 m across, the opening is 0.120 m" in result.reason
 
 
+@pytest.mark.parametrize("skill", ["pick", "grasp"])
+def test_what_is_fixed_is_not_said_to_slip(room: Robot, skill: str) -> None:
+    room.session.reset()
+    result = perform(room, skill, "vase")
+    assert result.outcome is SkillOutcome.FAILED
+    assert result.reason == "vase is fixed: its mobility is static"
+    assert not result.steps
+
+
+def test_a_torso_that_two_arms_share_moves_with_the_arm_of_a_skill_and_stays_when_it_is_folded() -> None:
+    model = known_model("pr2")
+    arm = with_lift(model, model.arms[0])
+    assert arm.joints == (*model.arms[0].joints, "torso_lift_joint")
+    assert "torso_lift_joint" not in dict(zip(arm.joints, arm.rest_positions, strict=False))
+    own = known_model("mobile_manipulator")
+    assert with_lift(own, own.arms[0]) == own.arms[0]
+
+
+def test_a_door_that_is_open_by_more_is_open_enough_to_get_at_what_is_behind_it(tmp_path: Path) -> None:
+    with opened(kitchenette(), tmp_path) as robot:
+        robot.session.joint("FridgeDoor").open()
+        task = SkillTask(robot)
+        part = task.surroundings().articulated_part(BodyId("FridgeDoor"))
+        assert list(moving_part(task, part, 0.7, at_least=True)) == []
+        assert next(moving_part(task, part, 0.7), None) is not None
+
+
 def _slide(id: str, **limits: float) -> Joint:
     motion = {"x": AxisMotion.LIMITED, "limit": limits["limit"]} if limits else {"x": AxisMotion.FREE}
     return Joint(
         id=BodyId(id), iri=Iri(f"http://example.org/{id}"), parent=BodyId("Fridge"), child=BodyId("FridgeDoor"),
         pose=Pose((1.68, 1.3, 0.9)), linear=LinearLimits(**motion),  # type: ignore[arg-type]
     )  # fmt: skip
+
+
+def test_a_door_that_slides_along_its_front_is_opened_from_before_it(tmp_path: Path) -> None:
+    world = kitchenette()
+    slide = msgspec.structs.replace(
+        _slide("FridgeSlide", limit=0.4), linear=LinearLimits(y=AxisMotion.LIMITED, limit=0.4)
+    )
+    rest = [each for each in world.joints if each.id != "FridgeHinge"]
+    world = msgspec.structs.replace(world, joints=(*rest, slide))
+    pointing: list[float] = []
+
+    def look(step: SkillStep) -> None:
+        if step.name == "close gripper":
+            pointing.append(float(quat_rotate(robot.grasp_pose()[3:], (1.0, 0.0, 0.0))[0]))
+
+    with opened(world, tmp_path) as robot:
+        result = perform(robot, "open", "FridgeDoor", on_step=look)
+        openness = robot.session.joint("FridgeDoor").openness
+    assert result, result.reason
+    assert openness > 0.94
+    assert min(pointing) > 0.95  # not along its motion, where its neighbors are
 
 
 def test_a_door_with_two_joints_concerns_only_skills_about_that_door(tmp_path: Path) -> None:

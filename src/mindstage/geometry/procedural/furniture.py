@@ -389,12 +389,15 @@ class Shelf(ShapeTemplate, frozen=True, kw_only=True):
     board: Thickness = 0.03
     shelf_spacing: Thickness = 0.34
     """Distance between the shelves of a tall unit [m]."""
+    levels: tuple[float, ...] | None = None
+    """Heights at which contents of a tall unit stand, from the center [m], instead of evenly spaced shelves."""
 
     def _build(self, builder: GeometryBuilder) -> None:
         low, high, size = builder.low, builder.high, builder.size
         if size[2] > max(self.shelf_spacing, 1.2 * float(size[0])):
             count = min(round(float(size[2]) / self.shelf_spacing) - 1, 12)
-            Cabinet(wall=min(self.board, 0.1 * builder.min_extent), shelf=self.board, shelves=count).build(builder)
+            wall = min(self.board, 0.1 * builder.min_extent)
+            Cabinet(wall=wall, shelf=self.board, shelves=count, levels=self.levels).build(builder)
             return
         builder.add_support_surface(low, high, float(high[2]))
         if size[2] < 2.5 * self.board:

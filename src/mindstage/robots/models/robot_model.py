@@ -154,6 +154,10 @@ class GripperType(StrEnum):
     OTHER = "other"
 
 
+_LEAST_TRAVEL = 1e-9
+"""Of a finger, so that its lever is finite [m or rad]."""
+
+
 class Gripper(msgspec.Struct, frozen=True, kw_only=True):
     """An end effector with fingers."""
 
@@ -175,6 +179,13 @@ class Gripper(msgspec.Struct, frozen=True, kw_only=True):
     """Distance between the finger pads when it is open [m]."""
     max_force_n: float = 40.0
     """Largest force of each finger [N]."""
+
+    @property
+    def levers(self) -> tuple[float, ...]:
+        """The effort of each of `joints` by the force of the fingers, by virtual work [N/N or N m/N]."""
+        share_m = self.max_opening_m / len(self.joints)
+        travels = zip(self.closed_positions, self.open_positions, strict=True)
+        return tuple(share_m / max(abs(opened - closed), _LEAST_TRAVEL) for closed, opened in travels)
 
 
 class Arm(msgspec.Struct, frozen=True, kw_only=True):

@@ -76,8 +76,13 @@ def close_thing(task: SkillTask, thing: ThingName) -> SkillMotion:
             yield from moving_part(task, part, 0.0)
 
 
-def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float) -> SkillMotion:
+def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float, *, at_least: bool = False) -> SkillMotion:
     """Moves a door or drawer to a fraction of its range, in several rounds if the arm does not reach all the way.
+
+    Args:
+        part: the door or drawer.
+        fraction: from 0 to 1.
+        at_least: whether it may be open by more, as where it is opened to get at what is behind it.
 
     Raises:
         SkillFailedError: it did not get there, with how far it is open; or what was inside is not any more.
@@ -85,7 +90,7 @@ def moving_part(task: SkillTask, part: ArticulatedPart, fraction: float) -> Skil
     surroundings = task.surroundings()
     contents = surroundings.contents_of(part)
     before = {id: _seen_from(surroundings, part, id) for id in contents}
-    yield from _moving_rounds(task, part, fraction)
+    yield from _moving_rounds(task, part, fraction, at_least=at_least)
     later = task.surroundings()
     inside = later.contents_of(part)
     lost = [each for each in contents if each not in inside and later.exists(each)]
@@ -105,18 +110,22 @@ def _seen_from(surroundings: Surroundings, part: ArticulatedPart, id: BodyId) ->
     return np.array([pose_multiply(pose_inverse(frame), pose)[:3] for frame in frames])
 
 
-def _moving_rounds(task: SkillTask, part: ArticulatedPart, fraction: float) -> SkillMotion:
+def _moving_rounds(task: SkillTask, part: ArticulatedPart, fraction: float, *, at_least: bool) -> SkillMotion:
     """See `moving_part`."""
+
+    def missing() -> float:
+        return fraction - part.openness if at_least else abs(fraction - part.openness)
+
     task.opened[part.id] = None
     verb = "close" if fraction < part.openness else "open"
     tolerance = _TOLERANCES[verb == "open"]
     errors: list[SkillFailedError | UnreachableError | CommandRefusedError] = []
     tried: list[PartMotion] = []
     for round_number in range(_MAX_ROUNDS):
-        if abs(part.openness - fraction) <= tolerance and round_number:
+        if missing() <= tolerance and round_number:
             yield _REST_S
         before = part.openness
-        if abs(before - fraction) <= tolerance:
+        if missing() <= tolerance:
             return
         if task.limit.is_over:
             state = f"{part.id} is {before:.0%} open instead of {fraction:.0%}"
@@ -130,7 +139,7 @@ def _moving_rounds(task: SkillTask, part: ArticulatedPart, fraction: float) -> S
             continue  # it is planned anew from where the arm was stopped
         except UnreachableError as error:
             errors.append(error)  # there is no room for it: it goes on with the arm as it is
-        if abs(part.openness - fraction) <= tolerance:
+        if missing() <= tolerance:
             continue  # it has moved on when the hand let it go
         try:
             motion = find_part_motion(hand, part, task.surroundings(), target, tried=tried)
@@ -143,7 +152,7 @@ def _moving_rounds(task: SkillTask, part: ArticulatedPart, fraction: float) -> S
             errors.append(error)
         if abs(part.openness - before) < _LEAST_PROGRESS:
             tried.append(motion)
-    if abs(part.openness - fraction) > tolerance:
+    if missing() > tolerance:
         reasons = dict.fromkeys(getattr(each, "reason", "") or str(each) for each in errors)
         last = errors[-1] if errors else None
         stop = find_stop(task.robot, part, part.joint.position_at(fraction))

@@ -42,7 +42,7 @@ __all__ = [
     "sweeps_of",
 ]
 
-FINGER_CLEARANCE_M = 0.006
+FINGER_CLEARANCE_M = 0.003
 """Least distance of each open finger from what is grasped."""
 _ROOM_M = 0.025
 """Distance of each open finger from what it is to grasp, where the gripper opens that far."""
@@ -149,8 +149,7 @@ class GripperShape(NamedTuple):
             geometry = geometries.get(link)
             if geometry is None or not geometry.collision_shapes:
                 return np.zeros(3), np.zeros(3)
-            low, high = compile_geometry(geometry.collision_shapes).bounds
-            placed = placed_at(link, np.array(np.meshgrid(*np.array([low, high]).T)).reshape(3, -1).T, positions)
+            placed = placed_at(link, np.vstack([_corners(each) for each in geometry.collision_shapes]), positions)
             return placed.min(axis=0), placed.max(axis=0)
 
         def placed_at(link: str, points: Array, positions: Sequence[float] | Array) -> Array:

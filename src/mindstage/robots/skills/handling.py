@@ -21,7 +21,7 @@ from mindstage.robots.skills.grasp_motion import GraspMotion, GraspMotionRequest
 from mindstage.robots.skills.grasps import FINGER_CLEARANCE_M, Grasp, grasps_of
 from mindstage.robots.skills.manipulator import Manipulator, free_hand, hand_with, hands_of
 from mindstage.robots.surroundings import ArticulatedPart, Surroundings, Thing
-from mindstage.scene import BodyId, Pose
+from mindstage.scene import BodyId, Mobility, Pose
 from mindstage.scene.edits import Detach
 from mindstage.scene.transforms import (
     Array,
@@ -93,6 +93,7 @@ def grasp(task: SkillTask, thing: ThingName) -> SkillMotion:
     id = surroundings.find(thing)
     if hand_with(task, id) is None:
         hand = free_hand(task, f"to grasp {id}")
+        _check_loose(task, surroundings, id)
         yield from _grasping(task, hand, id, upright=None, stays=True)
 
 
@@ -191,8 +192,9 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
         return
     hand = free_hand(task, f"to pick up {id}")
     surroundings = task.surroundings()
+    _check_loose(task, surroundings, id)
     for part in surroundings.closed_in_front_of(id):
-        yield from moving_part(task, part, ACCESS[part.joint.is_prismatic])
+        yield from moving_part(task, part, ACCESS[part.joint.is_prismatic], at_least=True)
     yield from hand.parking()
     for attempt in range(_ATTEMPTS):
         try:
@@ -205,6 +207,19 @@ def pick_up(task: SkillTask, id: BodyId, *, upright: bool | None = None) -> Skil
             continue
         yield from carrying(task, hand, placement.back_m)
         return
+
+
+def _check_loose(task: SkillTask, surroundings: Surroundings, id: BodyId) -> None:
+    """Checks that a thing can be moved at all.
+
+    Raises:
+        SkillFailedError: it is simulated as fixed.
+    """
+    mobility = surroundings.body(id).physics.mobility
+    if id in task.session.immovable or mobility is not Mobility.DYNAMIC:
+        why = "its mobility is not given" if mobility is None else f"its mobility is {mobility.value}"
+        why = "what has its class and size cannot be loose" if id in task.session.immovable else why
+        raise task.failure(f"{id} is fixed: {why}", "pick up something loose, or give it a mobility in the map")
 
 
 def _grasping(
@@ -508,7 +523,7 @@ def put_down(task: SkillTask, id: BodyId, holder: BodyId, *, inside: bool) -> Sk
         if hand is not None and all(each.held is not None for each in hands_of(task)):
             yield from _setting_aside(task, hand, id, why=f"{doors[0].id} is closed, and no other hand is free")
         for door in doors:
-            yield from moving_part(task, door, ACCESS[door.joint.is_prismatic])
+            yield from moving_part(task, door, ACCESS[door.joint.is_prismatic], at_least=True)
     is_drawer = any(each.id == support for each in surroundings.articulated_parts())
     yield from pick_up(task, id, upright=None if not inside else not is_drawer)
     hand = hand_with(task, id)

@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from functools import cached_property
 from itertools import product
-from math import atan2, cos, hypot, inf, pi, sin
+from math import atan2, cos, hypot, inf, isfinite, pi, sin
 
 import numpy as np
+from msgspec.structs import replace
 
 from mindstage.engines.base import Capability, Engine
 from mindstage.errors import UnreachableError
@@ -19,7 +20,8 @@ from mindstage.robots.arm_paths import POSE_JOINTS, ArmPath, follow_poses, inter
 from mindstage.robots.collisions import CLEARANCE_M, Collision, CollisionChecker, HandChecker
 from mindstage.robots.control import MotionFailure, MotionOutcome, MotionResult
 from mindstage.robots.floor_poses import BaseFrame, BasePose, wrapped
-from mindstage.robots.models.robot_model import Arm, BaseType, Gripper
+from mindstage.robots.models.link_tree import LinkTree
+from mindstage.robots.models.robot_model import Arm, BaseType, Gripper, RobotModel
 from mindstage.robots.navigation import FloorMap, plan_base
 from mindstage.robots.planning import plan_arm
 from mindstage.robots.robot_kinematics import RobotKinematics
@@ -46,6 +48,7 @@ __all__ = [
     "hand_with",
     "hands_of",
     "is_near",
+    "with_lift",
 ]
 
 _BASE_GAIN = 3.0
@@ -639,7 +642,18 @@ def _reads_contacts(engine: Engine) -> bool:
 def hands_of(task: SkillTask) -> list[Manipulator]:
     """The arms with grippers."""
     model = task.robot.model
-    return [Manipulator(task, arm, task.kinematics) for arm in model.arms if arm.gripper is not None]
+    return [Manipulator(task, with_lift(model, arm), task.kinematics) for arm in model.arms if arm.gripper is not None]
+
+
+def with_lift(model: RobotModel, arm: Arm) -> Arm:
+    """An arm with the lifts below it that it shares with other arms, as the torso of PR2.
+
+    In a model they are part of no arm, so that arms are moved independently; a skill moves one at a time. A folded arm
+    leaves them where they are, since they are slow.
+    """
+    below = LinkTree(model.links, model.joints).ancestors(arm.base_link)
+    lifts = [each.name for each in below if each.is_actuated and each.is_prismatic and isfinite(sum(each.limits))]
+    return replace(arm, joints=(*arm.joints, *(name for name in lifts if name not in arm.joints)))
 
 
 def free_hand(task: SkillTask, why: str) -> Manipulator:

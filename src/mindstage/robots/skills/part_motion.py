@@ -54,6 +54,14 @@ _STEP_M = 0.02
 """Distance of the handle between neighboring poses of its path."""
 _FACING, _DIAGONAL_FACING = 0.7, 0.4
 """Least cosine between the direction of approach and the inward direction of the part."""
+_WIDE = 0.5
+"""A handle is rather grasped where it is narrower than this part of the opening: not a bar by its two ends."""
+_PANEL = 0.15
+"""A part is a panel, rather than a drawer, if its thickness is less than this part of its other sides."""
+_ALONG = 0.5
+"""Largest cosine between the motion of a panel that slides along its front and the direction across it."""
+_TOUCHING_M = 0.001
+"""A handle is in front of a panel if it is farther from its middle plane."""
 _LEVEL_M = 0.05
 """A handle whose height changes by less is on a door with a vertical axis."""
 BACK_M = {True: 0.1, False: 0.06}
@@ -318,6 +326,8 @@ class _PartMotionSearch:
         outward = near[1][:3] - near[0][:3]
         self.outward = outward / np.linalg.norm(outward)
         """Unit vector: where the handle moves when the part opens, at the start."""
+        self.front = self._front()
+        """Unit vector: from where a hand comes to the handle, out of the front of the part."""
         self.openness = (start - joint.closed_position) / span
         self.is_closing = (target - start) * span < 0.0
         self.is_level = float(np.ptp(self.handles[:, 2])) < _LEVEL_M
@@ -371,6 +381,21 @@ class _PartMotionSearch:
     def _handle_at(self, position: float) -> Array:
         return pose_multiply(self._part_pose_at(position), self.handle_in_part)
 
+    def _front(self) -> Array:
+        """Where it opens to; of a door that slides along its front, the side across it on which the handle is."""
+        size = self.surroundings.body(self.part.id).size
+        if not self.part.joint.is_prismatic or size is None:
+            return self.outward
+        thin, (thickness_m, width_m, _) = int(np.argmin(size)), sorted(size)
+        across = quat_rotate(self.part_poses[0, 3:], np.eye(3)[thin])
+        if thickness_m > _PANEL * width_m or max(abs(float(across @ self.outward)), abs(float(across[2]))) > _ALONG:
+            return self.outward
+        offset = float(self.handle_in_part[thin])
+        if abs(offset) < _TOUCHING_M:  # it has no handle in front of it
+            here = np.array([*self.hand.robot.base_pose()[:2], self.part_poses[0, 2]])
+            offset = float((here - self.part_poses[0, :3]) @ across)
+        return np.asarray(across * np.sign(offset))
+
     def _moved_door(self) -> dict[BodyId, Array]:
         """Where a door with a vertical axis, which may shut in the base, and its handle are on the path; else empty."""
         if self.part.joint.is_prismatic or not self.is_level:
@@ -395,10 +420,13 @@ class _PartMotionSearch:
         pose = self.handles[0]
 
         def facing(grasp: Grasp) -> float:
-            return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ self.outward)
+            return -float(quat_rotate(grasp.in_world(pose)[3:], (1.0, 0.0, 0.0)) @ self.front)
 
         grasps = [each for each in grasps_of(body, geometry, pose, hand.gripper, hand.shape) if facing(each) >= _FACING]
-        grasps.sort(key=lambda each: (not each.is_whole, not each.is_central, -round(facing(each), 2)))
+        wide_m = _WIDE * hand.gripper.max_opening_m
+        grasps.sort(
+            key=lambda each: (not each.is_whole, each.width_m > wide_m, not each.is_central, -round(facing(each), 2))
+        )
         diagonals = diagonal_grasps_of(body, geometry, hand.gripper, hand.shape)
         return [*grasps, *(each for each in diagonals if facing(each) >= _DIAGONAL_FACING)]
 
@@ -478,8 +506,7 @@ class _PartMotionSearch:
         """Why there is nothing at which the part can be grasped or pushed."""
         part = self.part
         if way is PartContact.HANDLE and part.handle is None:
-            free = "is only ajar" if self.openness > 0.0 else "is closed"
-            return f"it has no handle, and no edge of it is free while it {free}"
+            return f"it has no handle, and no edge of it is free while it is {max(self.openness, 0.0):.0%} open"
         gripper, size = self.hand.gripper, self.surroundings.body(part.handle or part.id).size or (0.0,)
         what = "its handle" if way is PartContact.HANDLE else "its edge"
         width_m, opening_m = min(size), gripper.max_opening_m
