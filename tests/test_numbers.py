@@ -54,7 +54,7 @@ UNRANGED_RECORDS: Mapping[str, str] = {
     ),
     **dict.fromkeys(("EpisodeFrame", "ImaginedEvent", "Job", "JointAxis", "ModelJoint", "MovedBody"), _RESULT),
     **dict.fromkeys(("PlanFile", "RemoteUrl", "RobotWorld", "SampleResult", "SkillResult", "SkillState"), _RESULT),
-    **dict.fromkeys(("BaseDrive", "JointDrive", "SkillStep", "SpawnReport", "Verdict"), _RESULT),
+    **dict.fromkeys(("BaseDrive", "JointDrive", "SkillStep", "SpawnReport", "Verdict", "WorldState"), _RESULT),
     **dict.fromkeys(("Arm", "Gripper", "RobotBase", "RobotJoint", "RobotMimic", "RobotModel", "RobotSensor"), _FILE),
     **dict.fromkeys(("UrdfGeometry", "UrdfInertial", "UrdfJoint", "UrdfLink", "UrdfMimic"), _FILE),
     "Check": "arguments of a question, which checks them",

@@ -15,7 +15,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from mindstage.errors import BodyNotFoundError
+from mindstage.errors import BodyNotFoundError, InvalidArgumentError
+from mindstage.ranges import Index, checked
 from mindstage.rendering.sensor_view import PinholeView, SensorImages, SensorLighting
 from mindstage.scene import BodyId, Iri, Pose
 from mindstage.scene.transforms import Array, normalized_pose_array, pose_from_array, pose_multiply, rotation_matrix
@@ -49,8 +50,16 @@ class Segmentation(NamedTuple):
     legend: Mapping[int, SeenBody]
     """All bodies that have a label, seen or not; labels and IRIs correspond one to one."""
 
-    def at(self, row: int, column: int) -> SeenBody | None:
-        """The body that a pixel shows."""
+    @checked
+    def at(self, row: Index, column: Index) -> SeenBody | None:
+        """The body that a pixel shows.
+
+        Raises:
+            InvalidArgumentError: the image has no such pixel.
+        """
+        height, width = self.labels.shape
+        if row >= height or column >= width:
+            raise InvalidArgumentError(f"pixel {row}, {column}", cause=f"the image has {height} rows of {width}")
         return self.legend.get(int(self.labels[row, column]))
 
     def mask(self, body: str) -> NDArray[np.bool_]:

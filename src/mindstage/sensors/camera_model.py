@@ -55,7 +55,7 @@ class CameraNoise(msgspec.Struct, frozen=True, kw_only=True):
         check_fields(self)
 
     @classmethod
-    def kinect(cls, *, seed: int = 0) -> Self:
+    def kinect(cls, *, seed: Seed = 0) -> Self:
         """Axial noise of the first Kinect: 1.2 mm + 1.9 mm/m² (z - 0.4 m)².
 
         After Nguyen, Izadi, Lovell, "Modeling Kinect Sensor Noise for Improved 3D Reconstruction and Tracking" (2012).
