@@ -542,8 +542,9 @@ def _point_to_do(knowledge: KnowledgeBase, sentence: str) -> None:
         found = understand_command(knowledge, sentence)
     except (SentenceNotUnderstoodError, AmbiguousSentenceError):
         return
-    verb = "evaluate" if found.is_hypothetical else "do"
-    cause = f"it is no question: mindstage {verb} {sentence!r} MAP {'tries' if found.is_hypothetical else 'does'} it"
+    does = f"mindstage do {sentence!r} MAP does it"
+    tries = f"mindstage do '{found}' MAP --try-first 0.9 tries it in copies of the world"
+    cause = f"it is no question: {tries if found.is_hypothetical else does}"
     raise SentenceNotUnderstoodError(sentence, cause=cause)
 
 

@@ -365,7 +365,7 @@ def _understood(sentence: str, simulation: Simulation, *, deadline_s: float) -> 
     found = understand_command(simulation.knowledge, sentence, present=present)
     if found.is_hypothetical:
         cause = "it asks what would happen, and nothing is done for that"
-        raise InvalidArgumentError("do", cause=cause, remedy=f"mindstage evaluate {sentence!r} MAP tries it")
+        raise InvalidArgumentError("do", cause=cause, remedy=f"'{found}' with --try-first 0.9 is tried first")
     return Perform(skill=found.skill, args=dict(found.args), deadline_s=deadline_s), f"understood: {found}"
 
 
