@@ -17,6 +17,7 @@ import pytest
 from mindstage.bridge import RosbridgeClient
 from mindstage.maps.io.files import BUNDLED_KITCHEN
 from tests.bridge.raw_client import TIMEOUT_S, eventually
+from tests.cases import each_case
 from tests.cli.runner import Run, WriteMap
 
 MINDSTAGE = [sys.executable, "-m", "mindstage"]
@@ -118,3 +119,17 @@ def test_a_port_in_use_is_an_error(run: Run) -> None:
         result = run("serve", "--port", taken.getsockname()[1], "--engine", "null")
     assert result.exit_code == 2
     assert "try 127.0.0.1 or another port" in result.output
+
+
+@each_case(
+    "options, cause",
+    [
+        (("--ros2-domain", "3"), "it requires --ros2"),
+        (("--ros2", "--ros2-discovery", "subnet"), "every machine of the network can control the simulation"),
+        (("--ros2", "--connect", "ws://127.0.0.1:1"), "another rosbridge is served"),
+    ],
+)
+def test_options_of_ros2_are_checked_before_anything_starts(run: Run, options: tuple[str, ...], cause: str) -> None:
+    result = run("serve", *options)
+    assert result.exit_code == 2
+    assert cause in " ".join(result.output.split())
