@@ -38,7 +38,8 @@ test: .venv/dev.stamp  ## all tests; `make test pytest_options="-k word"` for so
 	@scripts/install_system.sh $(ros_packages)
 	@scripts/install_node.sh
 	@scripts/install_godot.sh || test -z "$$CI"
-	@scripts/install_system.sh cmake:cmake ninja:ninja-build c++:g++
+	@scripts/install_system.sh cmake:cmake ninja:ninja-build c++:g++ \
+		"$$(python3.11 -c 'import sysconfig; print(sysconfig.get_path("include"))' 2>/dev/null)/Python.h:python3-dev"
 	@scripts/ros2_for_tests.sh >/dev/null
 	@$(python) -m pytest $(pytest_options)
 

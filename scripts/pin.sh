@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # pin.sh [--keep]: writes requirements/{run,dev,docs}.txt from pyproject.toml: exact versions with the hashes of all
 # their files, valid for Python 3.11 to 3.13 on every platform. pip enforces the hashes (`--require-hashes`).
+# requirements/ros2.txt is the real ROS 2 of the tests, wheels for Python 3.11 on Linux.
 #
 # Every package gets its newest allowed version. With --keep, pinned packages keep their versions and only missing ones
 # are added, which is what a new dependency needs.
@@ -50,3 +51,20 @@ pin requirements/dev.txt "${extras[@]}"
 # The other sets use the versions of dev.txt, even if newer ones were released in between.
 pin requirements/run.txt --constraints requirements/dev.txt
 pin requirements/docs.txt --extra docs --constraints requirements/dev.txt
+
+# What building message packages takes is named, too, since the wheels do not depend on it.
+readonly ros2_packages='catkin-pkg docutils empy lark-parser numpy rosbridge-server-rs setuptools'
+readonly jazzy_packages='ament-cmake ament-cmake-gmock ament-cmake-gtest ament-cmake-pytest ament-cmake-ros ament-package
+    common-interfaces domain-coordinator python-cmake-module rclpy rmw-fastrtps-cpp rmw-implementation
+    rosidl-core-generators rosidl-default-generators rosidl-typesupport-introspection-c
+    rosidl-typesupport-introspection-cpp'
+rm -f "$folder/pins"
+if $keep && [[ -f requirements/ros2.txt ]]; then cp requirements/ros2.txt "$folder/pins"; fi
+{ printf '%s\n' $ros2_packages; printf 'ros-jazzy-%s\n' $jazzy_packages; } >"$folder/ros2.in"
+"$folder/venv/bin/uv" pip compile "$folder/ros2.in" --quiet --python-version 3.11 --python-platform x86_64-manylinux_2_35 \
+    --generate-hashes --no-header --no-annotate --output-file "$folder/pins" >/dev/null
+{
+    echo '# Real ROS 2 for the tests, written by scripts/pin.sh: Jazzy as wheels for Python 3.11, with rosbridge-server-rs.'
+    cat "$folder/pins"
+} >requirements/ros2.txt
+echo "requirements/ros2.txt: $(grep -c == requirements/ros2.txt) packages"
