@@ -139,6 +139,7 @@ CALLS: Mapping[str, Callable[[Robot, PoseLike], object]] = {
     ),
     "Edits.move pose": lambda _, pose: moved(lambda stack: stack.move(BodyId("box"), pose)),
     "Edits.move_all poses": lambda _, pose: moved(lambda stack: stack.move_all({BodyId("box"): pose})),
+    "Simulation.add_camera at": lambda _, pose: camera_at(pose),
     "add_robot pose": lambda robot, pose: added(robot, lambda sim: add_robot(sim, robot.model, pose)),
     "find_base_placements targets": lambda robot, pose: find_base_placements(robot, "", [pose], count=1),
     "plan_arm target": lambda robot, pose: plan_arm(robot, "", pose),
@@ -154,6 +155,12 @@ def moved(move: Callable[[Edits], object]) -> Pose:
     with on_table(body("box", (-0.5, 0.0, TABLE_HEIGHT_M + 0.05), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
         move(sim.edits)
         return sim.body("box").pose
+
+
+def camera_at(pose: Pose) -> Pose:
+    """Where a camera is."""
+    with on_table(body("box", (-0.5, 0.0, TABLE_HEIGHT_M + 0.05), (0.2, 0.1, 0.1), "dynamic", 1.0)) as sim:
+        return sim.add_camera("camera", at=pose).pose
 
 
 def added(robot: Robot, add: Callable[[Simulation], Robot]) -> list[float]:
@@ -225,6 +232,8 @@ UNCONVERTED_RECORDS: Mapping[str, str] = {
     **dict.fromkeys(("UrdfGeometry origin", "UrdfInertial origin", "UrdfJoint origin"), _FILE),
     **dict.fromkeys(("BaseDrive frame", "BaseDrive root_offset", "SampleResult end_poses"), _RESULT),
     "SpawnRecord poses": _RESULT,
+    "CameraMount pose": _RESULT,
+    "RobotSensor pose": _FILE,
 }
 
 

@@ -165,7 +165,7 @@ def atomic_file(path: Path, *, durable: bool = False) -> Iterator[Path]:
             return
         # In the same directory, since a rename is atomic only within one file system.
         part = target.with_name(f".{uuid4().hex}.part")
-        part.touch(exist_ok=False)
+        part.touch(exist_ok=False, mode=0o666 if mode is None else 0o600)  # nobody opens it before it has its mode
         if mode is not None:
             os.chmod(part, mode)
         yield part

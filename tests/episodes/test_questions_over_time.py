@@ -182,7 +182,7 @@ def test_the_questions_have_answers_to_compare_and_they_change(run: Run) -> None
         for each in state_questions(imagines=False)
         if not any(run.live[each.name, time_s] for time_s in TIMES_S)
     }
-    assert empty <= {"in_room", "misplaced", "is_between", "can", "missing_for_action"}
+    assert empty <= {"in_room", "in_words", "misplaced", "is_between", "can", "missing_for_action"}
     for name in ("where_is", "pose_of", "articulated_parts", "distance"):
         assert plain(run.live[name, 0.0]) != plain(run.live[name, 1.5]), name
 

@@ -367,7 +367,8 @@ def test_a_page_is_told_the_place_of_its_question_while_it_waits(
 
 def test_a_sentence_is_answered_with_what_was_understood(page: FakePage) -> None:
     table = page.ask("ask", question="where is the milk?")
-    assert table["notes"] == ["understood: where is the milk?", "milk_carton_1 and milk_carton_2 are in fridge."]
+    assert table["notes"] == ["understood: where is the milk?"]
+    assert table["sentence"] == "Milk carton 1 and milk carton 2 are in fridge."
     assert {"milk_carton_1", "milk_carton_2"} == {*texts(table, "thing")}
 
 

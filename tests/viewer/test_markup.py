@@ -110,7 +110,7 @@ def select(tab: PageTab, id: str) -> None:
 
 
 def test_a_world_and_its_bodies(tab: PageTab) -> None:
-    assert_shown(tab.page, "world", "thing", "label")
+    assert_shown(tab.page, "world", "thing")  # the other body is in the first, and hidden until it is selected
     select(tab, ENCODED)
     assert_shown(tab.page, "label", "comment", "text", "type", "key", "value")
     assert ENCODED in tab.page.locator("[data-role=id]").inner_text()

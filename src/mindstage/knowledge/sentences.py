@@ -273,8 +273,12 @@ def understand(
         AmbiguousSentenceError: there are several readings that are equally good.
     """
     tokens = _checked_tokens(sentence)
+    first, _, rest = sentence.strip().partition(" ")
+    # The name of a question, as in "where_is milk", is words, too.
+    is_name = "_" in first and first in set(question_names())
+    spoken = f"{first.replace('_', ' ')} {rest}" if is_name else sentence
     with kb.lock:
-        worded = parse_sentence(sentence, partial(find_noun, kb, find_body), partial(is_only_map, kb), is_past=is_past)
+        worded = parse_sentence(spoken, partial(find_noun, kb, find_body), partial(is_only_map, kb), is_past=is_past)
         if len(worded) > 1:
             raise AmbiguousSentenceError(sentence, candidates=tuple(map(str, worded)))
         matcher = _Matcher(kb, sentence, tokens, find_body)
@@ -282,7 +286,7 @@ def understand(
         readings = list(matcher.readings()) if may_be_declared else []
         if worded and not readings:
             return Understanding(
-                sentence, get_question(_WORDED), {"text": str(worded[0]) if is_past else sentence}, (), str(worded[0])
+                sentence, get_question(_WORDED), {"text": str(worded[0]) if is_past else spoken}, (), str(worded[0])
             )
         if not readings and PAST_WORDS & {*sentence_words(sentence)}:
             cause = "it is about the past, and is none of the questions about recordings (--episode)"

@@ -55,6 +55,7 @@ class CameraNoise(msgspec.Struct, frozen=True, kw_only=True):
         check_fields(self)
 
     @classmethod
+    @checked
     def kinect(cls, *, seed: Seed = 0) -> Self:
         """Axial noise of the first Kinect: 1.2 mm + 1.9 mm/m² (z - 0.4 m)².
 

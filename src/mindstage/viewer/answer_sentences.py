@@ -47,7 +47,7 @@ def answer_sentence(answers: Answers[Any], labels: Mapping[str, str], *, asked: 
         return labels.get(text) or name_in_words(local_name(text) if "://" in text else text)
 
     if answers.is_concluded:
-        return answers.conclusion.sentence
+        return _with_names(answers, labels, say)
     name = answers.question.name
     is_yes_or_no = name in _DECIDED_BY_ROWS and _YES_OR_NO.match(asked) is not None
     if not answers:
@@ -60,6 +60,17 @@ def answer_sentence(answers: Answers[Any], labels: Mapping[str, str], *, asked: 
 
 
 Say = Callable[[object], str]
+
+
+def _with_names(answers: Answers[Any], labels: Mapping[str, str], say: Say) -> str:
+    """The sentence of a question, with labels and words instead of the ids of the individuals in its rows."""
+    values = (getattr(row, field) for row in answers for field in row.__struct_fields__)
+    named = {local_name(each): say(each) for each in (*labels, *(str(each) for each in values if "://" in str(each)))}
+    sentence = answers.conclusion.sentence
+    if named:
+        words = "|".join(map(re.escape, sorted(named, key=len, reverse=True)))
+        sentence = re.sub(rf"(?<![\w-])({words})(?![\w-])", lambda found: named[found[0]], sentence)
+    return f"{sentence[:1].upper()}{sentence[1:]}"
 
 
 def _the(text: str) -> str:
