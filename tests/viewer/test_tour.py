@@ -161,6 +161,7 @@ def load_it_again(tab: PageTab, kitchen: Simulation, saved: Path, plate: BodyId)
     kitchen.clear()
     wait_until(lambda: tab.shows_text("0 bodies"), "the world is empty")
     tab.page.locator("[data-role=upload]").set_input_files(saved)
+    tab.page.locator("[data-choice=discard]").click()  # that all was removed is an edit, which is not saved
     wait_until(lambda: len(kitchen.state.ids) == 255, "all bodies are restored, including the plate")
     wait_until(lambda: tab.shows_text("255 bodies"), "the page shows it")
     loaded = kitchen.snapshot()

@@ -466,10 +466,12 @@ class Answers(Sequence[R]):
         """The column of one of these types that was asked for: for the handles of a given door, the handle.
 
         Of several arguments that were left out it is the row's `default_column`, or else the first; if all were given,
-        the last.
+        the last. A question without such arguments has the row's `default_column`.
         """
         columns, default = self.question.columns, self.question.row.default_column
         names = [argument.name for argument in self.question.arguments if columns.get(argument.name) in value_types]
+        if not names and columns.get(default) in value_types:
+            names = [default]
         if self._rows:  # a column that is empty in all rows, such as the place of a count in the whole map, is none
             names = [name for name in names if any(getattr(row, name) is not None for row in self._rows)]
         free = [name for name in names if name not in self.args]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from operator import eq, ge, gt, le, lt
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 from msgspec.structs import replace
@@ -61,6 +61,8 @@ _CONTAINED = ("inside", "on")
 
 class WordedRow(AnswerRow, frozen=True, kw_only=True):
     """An individual that a question in words is about."""
+
+    default_column: ClassVar[str] = "thing"
 
     thing: IndividualName | None
     """None for a number that is not about one individual."""
